@@ -1,0 +1,86 @@
+"""`skill`: the entry point, the options before the command, and how failures end."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from skillcli import __version__
+from skillcli.cli import inspect, learn, shelf
+from skillcli.cli.session import Session
+from skillcli.errors import SkillError
+
+app = typer.Typer(
+    name="skill",
+    help="Learn robot skills in a latent space, compose them into new tasks, and judge them on other robots.",
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+    add_completion=True,
+    pretty_exceptions_enable=False,
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(f"skill {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    context: typer.Context,
+    store: Annotated[
+        Path, typer.Option("--store", envvar="SKILL_STORE", help="Folder that the artifacts are kept in.", metavar="DIR")
+    ] = Path("artifacts"),
+    as_json: Annotated[bool, typer.Option("--json", help="Print exactly one JSON object on stdout.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress and no messages.")] = False,
+    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of a failure.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", callback=_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Options that hold for every command."""
+    context.obj = Session(store, as_json, quiet, debug)
+
+
+learn.register(app)
+inspect.register(app)
+shelf.register(app)
+
+
+def main() -> None:
+    """Run the command line; every failure ends as one line and an exit code."""
+    arguments = sys.argv[1:]
+    try:
+        code = app(args=arguments, standalone_mode=False)
+        sys.exit(code if isinstance(code, int) else 0)
+    except SkillError as error:
+        _fail(type(error).__name__, error.message, error.hint, error.exit_code)
+    except typer.TyperException as error:
+        hint = "see `skill --help`" if error.exit_code == 2 else ""
+        _fail("UsageError", error.format_message(), hint, error.exit_code)
+    except (KeyboardInterrupt, typer.Abort):
+        _fail("Interrupted", "interrupted", "what was finished before is in the store", 130)
+    except BrokenPipeError:  # the reader of a pipe went away: nothing to say, and nobody to say it to
+        sys.stderr.close()
+        sys.exit(1)
+    except Exception as error:  # a defect of ours: one line, unless the traceback is asked for
+        if "--debug" in arguments:
+            raise
+        _fail(type(error).__name__, f"unexpected: {error}", "a defect of skill; --debug shows where", 1)
+
+
+def _fail(kind: str, message: str, hint: str, code: int) -> None:
+    if "--debug" in sys.argv and sys.exc_info()[0] is not None and code == 1:
+        import traceback
+
+        traceback.print_exc()
+    flat = " ".join(message.split())
+    if "--json" in sys.argv:
+        print(json.dumps({"error": {"type": kind, "message": flat, "hint": hint}}))
+    print(f"error: {flat}" + (f"\n hint: {hint}" if hint else ""), file=sys.stderr)
+    sys.exit(code)

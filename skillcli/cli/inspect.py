@@ -1,0 +1,189 @@
+"""Commands that show: viz, recipes, tasks, domains and doctor."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import shutil
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from skillcli.cli.learn import MADE_FROM
+from skillcli.cli.session import Session
+from skillcli.errors import SkillError
+
+recipes_app = typer.Typer(help="Recipes: list them, or show one resolved.", invoke_without_command=True)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the app."""
+    app.command(rich_help_panel="Look")(viz)
+    app.add_typer(recipes_app, name="recipes", rich_help_panel="Look")
+    app.command(rich_help_panel="Look")(tasks)
+    app.command(rich_help_panel="Look")(domains)
+    app.command(rich_help_panel="Look")(doctor)
+
+
+def viz(
+    context: typer.Context,
+    source: Annotated[str | None, typer.Argument(metavar="[ID]", help=MADE_FROM)] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="The recording.", metavar="FILE.rrd")] = None,
+    png: Annotated[Path | None, typer.Option("--png", help="Also draw a figure, no viewer needed.", metavar="FILE")] = None,
+    open_viewer: Annotated[bool, typer.Option("--open", help="Open the recording in the rerun viewer.")] = False,
+    web: Annotated[bool, typer.Option("--web", help="Serve it to a browser on this machine only.")] = False,
+) -> None:
+    """Write a rerun recording of any artifact: arm, goals, paths, latents, curves."""
+    session: Session = context.obj
+    found = session.pick(source)
+    from skillcli.stages.visualise import draw, record
+
+    path = output or Path(f"{found.name}-{found.stage}-v{found.version}.rrd")
+    entities = record(session.store, found, path)
+    if png:
+        draw(session.store, found, png)
+    session.result(
+        {"id": str(found), "rrd": str(path), "png": str(png) if png else None, "entities": entities},
+        f"{found}: {path} ({path.stat().st_size / 1e6:.1f} MB, {len(entities)} entities)" + (f", {png}" if png else ""),
+    )
+    if open_viewer or web:
+        from skillcli.viz.viewer import open_viewer as show
+        from skillcli.viz.viewer import serve_web
+
+        process = serve_web(path) if web else show(path)
+        if web:
+            process.wait()
+
+
+@recipes_app.callback()
+def recipes(context: typer.Context) -> None:
+    """List the recipes that come with skill."""
+    if context.invoked_subcommand:
+        return
+    from rich.table import Table
+
+    from skillcli.recipe import load_recipe, recipe_names
+
+    session: Session = context.obj
+    found = [load_recipe(name) for name in recipe_names()]
+    table = Table("recipe", "task", "what for")
+    for recipe in found:
+        table.add_row(recipe.name, recipe.task.name, recipe.description)
+    listed = [{"name": r.name, "task": r.task.name, "description": r.description} for r in found]
+    session.result({"recipes": listed}, table)
+
+
+@recipes_app.command("show")
+def show_recipe(
+    context: typer.Context,
+    name: Annotated[str, typer.Argument(help="Recipe by name, or a .toml file.")],
+    overrides: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Replace one value.")] = None,
+) -> None:
+    """Print every value of a recipe as it is used, with unit and meaning."""
+    from rich.table import Table
+
+    from skillcli.recipe import describe, load_recipe
+
+    session: Session = context.obj
+    recipe = load_recipe(name, overrides or ())
+    table = Table("key", "value", "unit", "meaning")
+    for key, value, unit, meaning in describe(recipe):
+        table.add_row(key, str(value), unit, meaning)
+    session.result({"recipe": recipe.model_dump(mode="json"), "sha256": recipe.fingerprint()}, table)
+
+
+def tasks(context: typer.Context) -> None:
+    """List the tasks and their named compositions."""
+    from rich.table import Table
+
+    from skillcli.envs.tasks import COMPOSITIONS, DESCRIPTIONS
+
+    session: Session = context.obj
+    table = Table("task", "what it is", "compositions")
+    for name, description in DESCRIPTIONS.items():
+        table.add_row(name, description, ", ".join(COMPOSITIONS[name]))
+    listed = [
+        {"name": name, "description": text, "compositions": COMPOSITIONS[name]} for name, text in DESCRIPTIONS.items()
+    ]
+    session.result({"tasks": listed}, table)
+
+
+def domains(context: typer.Context) -> None:
+    """List the target domains and what each of them changes."""
+    from rich.table import Table
+
+    from skillcli.envs.domains import DOMAINS, PARAMETERS
+
+    session: Session = context.obj
+    table = Table("domain", "parameter", "range", "unit", "meaning")
+    for domain in DOMAINS.values():
+        table.add_row(f"[bold]{domain.name}[/]", "", "", "", domain.description)
+        for name, values in domain.parameters.items():
+            _, unit, meaning = PARAMETERS[name]
+            table.add_row("", name, str(values), unit, meaning)
+    listed = [
+        {
+            "name": domain.name,
+            "description": domain.description,
+            "parameters": {name: {"range": str(values), "unit": PARAMETERS[name][1]} for name, values in domain.parameters.items()},
+        }
+        for domain in DOMAINS.values()
+    ]
+    session.result({"domains": listed}, table)
+
+
+def doctor(context: typer.Context) -> None:
+    """Check that everything skill needs is here and works."""
+    from rich.table import Table
+
+    session: Session = context.obj
+    checks = _packages() + [_writable(session), _physics(), ("cores", f"{os.cpu_count()}", True)]
+    table = Table("what", "found", "")
+    for what, found, fine in checks:
+        table.add_row(what, found, "[green]ok[/]" if fine else "[red]problem[/]")
+    healthy = all(fine for _, _, fine in checks)
+    listed = [{"what": what, "found": found, "ok": fine} for what, found, fine in checks]
+    session.result({"ok": healthy, "checks": listed}, table)
+    if not healthy:
+        raise typer.Exit(1)
+
+
+Check = tuple[str, str, bool]
+
+
+def _packages() -> list[Check]:
+    names = ("torch", "mujoco", "numpy", "scipy", "h5py", "pydantic", "typer", "rich", "rerun-sdk", "matplotlib")
+    found: list[Check] = [("python", sys.version.split()[0], sys.version_info >= (3, 11))]
+    for name in names:
+        try:
+            found.append((name, importlib.metadata.version(name), True))
+        except importlib.metadata.PackageNotFoundError:
+            found.append((name, "missing", False))
+    return found
+
+
+def _writable(session: Session) -> Check:
+    free = shutil.disk_usage(next(p for p in (session.root, *session.root.absolute().parents) if p.exists())).free
+    try:
+        session.store.check_writable("doctor")
+    except SkillError as error:
+        return "store", error.message, False
+    return "store", f"{session.root}, {free / 1e9:.0f} GB free", free > 1e9
+
+
+def _physics() -> Check:
+    """Step the Sawyer once with one and with two threads."""
+    import numpy as np
+
+    from skillcli.envs.reach import ReachEnvironment
+    from skillcli.recipe import ReachTask
+
+    rows: list[Any] = []
+    for threads in (1, 2):
+        env = ReachEnvironment(ReachTask(), 4, threads)
+        env.step(np.ones((4, 7)))
+        rows.append(env.save(np.arange(4)))
+    same = bool((rows[0] == rows[1]).all())
+    return "physics", "equal with 1 and 2 threads" if same else "differs between 1 and 2 threads", same

@@ -1,0 +1,267 @@
+"""Commands that make artifacts: pretrain, embed-means, compose, transfer-eval, run and demo."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from skillcli.cli.session import Session
+from skillcli.errors import UsageError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from skillcli.store import Artifact
+
+Set = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="Replace one value of the recipe, such as training.iterations=20.", metavar="KEY=VALUE"),
+]
+Name = Annotated[str | None, typer.Option("--name", help="First part of the new id.", metavar="NAME")]
+Seed = Annotated[int, typer.Option("--seed", help="Seed of everything random.", min=0, max=2**63 - 1)]
+MADE_FROM = "Id, NAME/STAGE or a unique beginning; without one, the newest that fits."
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the app."""
+    panel = "Stages"
+    app.command(rich_help_panel=panel)(pretrain)
+    app.command("embed-means", rich_help_panel=panel)(embed_means)
+    app.command(rich_help_panel=panel)(compose)
+    app.command("transfer-eval", rich_help_panel=panel)(transfer_eval)
+    app.command("run", rich_help_panel="Whole chain")(run)
+    app.command(rich_help_panel="Whole chain")(demo)
+
+
+def payload(artifact: Artifact) -> dict[str, Any]:
+    """What a stage reports under --json: id and everything it found out."""
+    return {
+        "id": str(artifact.id),
+        "recipe": artifact.recipe_name,
+        "seed": artifact.seed,
+        **artifact.results,
+        **artifact.measured,
+    }
+
+
+def pretrain(
+    context: typer.Context,
+    recipe: Annotated[str, typer.Argument(help="Recipe by name, or a .toml file.")] = "reach",
+    seed: Seed = 0,
+    name: Name = None,
+    overrides: Set = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on where the same training was interrupted.")] = False,
+    threads: Annotated[
+        int, typer.Option("--threads", help="Of the physics, 0 for all cores; results do not depend on it.", min=0, max=1024)
+    ] = 0,
+) -> None:
+    """Train policy and skill embedding together in simulation (stage 1)."""
+    from skillcli.recipe import load_recipe
+    from skillcli.stages.pretrain import pretrain as stage
+
+    session: Session = context.obj
+    resolved = load_recipe(recipe, overrides or ())
+    with session.progress() as report:
+        artifact = stage(
+            session.store, resolved, seed, name or resolved.name, session.command, resume, threads, report
+        )
+    session.result(payload(artifact), _pretrain_table(artifact), _next(f"skill embed-means {artifact.id}"))
+
+
+def embed_means(
+    context: typer.Context,
+    source: Annotated[str | None, typer.Argument(metavar="[ID]", help=MADE_FROM)] = None,
+    name: Name = None,
+) -> None:
+    """Take the mean latent of each skill, measure how well they are separated, and play each one."""
+    session: Session = context.obj
+    found = session.pick(source, "pretrain")
+    from skillcli.stages.embed_means import embed_means as stage
+
+    artifact = stage(session.store, found, session.command, name)
+    session.result(payload(artifact), _means_table(artifact), _next(f"skill compose {artifact.id} --method search"))
+
+
+def compose(
+    context: typer.Context,
+    source: Annotated[str | None, typer.Argument(metavar="[ID]", help=MADE_FROM)] = None,
+    method: Annotated[str, typer.Option("--method", help="How to compose: search.", metavar="METHOD")] = "search",
+    task: Annotated[str, typer.Option("--task", help="A named composition, see `skill tasks`.", metavar="NAME")] = "",
+    goal: Annotated[
+        list[str] | None,
+        typer.Option("--goal", help="Where to go, in metres; several are met in order.", metavar="X,Y[,Z]"),
+    ] = None,
+    name: Name = None,
+    overrides: Set = None,
+) -> None:
+    """Compose frozen skills in the latent space into a task never trained (stage 2)."""
+    from skillcli.recipe import resolve
+
+    session: Session = context.obj
+    goals = [_numbers(text) for text in goal or ()]
+    found = session.pick(source, "embed-means", "pretrain")
+    from skillcli.stages.compose import Request
+    from skillcli.stages.compose import compose as stage
+
+    recipe = resolve(session.store.read(found).recipe, overrides or ())
+    request = Request.of(recipe, task, goals)
+    with session.progress() as report:
+        artifact = stage(session.store, found, recipe, request, method, session.command, name, report)
+    if not artifact.results["success"]:
+        session.say("[yellow]the plan does not meet every waypoint[/]: try --set search.budget=50000 or search.interpolated=true")
+    session.result(payload(artifact), _plan_table(artifact), _next(f"skill transfer-eval {artifact.id}"))
+
+
+def transfer_eval(
+    context: typer.Context,
+    source: Annotated[str | None, typer.Argument(metavar="[ID]", help=MADE_FROM)] = None,
+    domain: Annotated[
+        list[str] | None, typer.Option("--domain", help="Target domain, see `skill domains`.", metavar="NAME")
+    ] = None,
+    episodes: Annotated[int | None, typer.Option("--episodes", help="Per domain.", min=1, max=100_000)] = None,
+    seed: Seed = 0,
+    name: Name = None,
+) -> None:
+    """Run a composition, or bare skills, on robots that differ from the simulation (stage 3)."""
+    from skillcli.recipe import resolve
+
+    session: Session = context.obj
+    found = session.pick(source, *(() if source else ("compose",)))
+    from skillcli.stages.transfer_eval import transfer_eval as stage
+
+    recipe = resolve(session.store.read(found).recipe)
+    domains = list(dict.fromkeys(domain or recipe.transfer.domains))
+    with session.progress() as report:
+        artifact = stage(
+            session.store, found, recipe, domains, episodes or recipe.transfer.episodes, seed, session.command, name, report
+        )
+    session.result(payload(artifact), _transfer_table(artifact), _next(f"skill viz {artifact.id} --png transfer.png"))
+
+
+def run(
+    context: typer.Context,
+    recipe: Annotated[str, typer.Argument(help="Recipe by name, or a .toml file.")],
+    seed: Seed = 0,
+    name: Name = None,
+    overrides: Set = None,
+) -> None:
+    """Run a recipe from training to transfer; finished stages with unchanged inputs are used again."""
+    _chain(context.obj, recipe, seed, name, overrides)
+
+
+def demo(
+    context: typer.Context,
+    seed: Seed = 0,
+) -> None:
+    """The main job on the Sawyer, from nothing to a recording, a figure and a table."""
+    _chain(context.obj, "reach", seed, "demo", None)
+
+
+def _chain(session: Session, recipe: str, seed: int, name: str | None, overrides: list[str] | None) -> None:
+    from skillcli.recipe import load_recipe
+    from skillcli.stages.chain import run_chain
+    from skillcli.stages.visualise import draw, record
+
+    resolved = load_recipe(recipe, overrides or ())
+    folder = name or resolved.name
+    tables = {
+        "pretrain": _pretrain_table, "embed-means": _means_table, "compose": _plan_table, "transfer-eval": _transfer_table
+    }  # fmt: skip
+    reports: dict[str, Any] = {}
+    with session.progress() as report:
+        for link in run_chain(session.store, resolved, seed, folder, session.command, report):
+            session.say(f"{link.artifact.id}{' (used again)' if link.reused else ''}")
+            reports[link.artifact.kind] = {**payload(link.artifact), "reused": link.reused}
+            if not session.json:
+                session.result({}, tables[link.artifact.kind](link.artifact))
+    store, pictures = session.store, []
+    for kind, found in reports.items():
+        path = session.root / folder / f"{kind}.png"
+        draw(store, store.resolve(found["id"]), path)
+        pictures.append(str(path))
+    recording = session.root / folder / "compose.rrd"
+    record(store, store.resolve(reports["compose"]["id"]), recording)
+    session.result(
+        {**reports, "png": pictures, "rrd": str(recording)},
+        f"figures: {', '.join(pictures)}",
+        f"recording: {recording} (open it with `skill viz {reports['compose']['id']} --open`)",
+    )
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise UsageError(f"--goal {text!r}: expected numbers in metres", "for example --goal 0.6,0.0,0.2") from None
+
+
+def _next(command: str) -> str:
+    return f"[dim]next: {command}[/]"
+
+
+def _centimetres(metres: float | None) -> str:
+    return "–" if metres is None else f"{100 * metres:.1f} cm"
+
+
+def _table(title: str, *columns: str) -> Table:
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", title_style="bold")
+    for index, column in enumerate(columns):
+        table.add_column(column, justify="left" if index == 0 else "right")
+    return table
+
+
+def _pretrain_table(artifact: Artifact) -> Table:
+    found, speed = artifact.results, artifact.measured["throughput"]
+    table = _table(str(artifact.id), "skill", "goal (m)", "at the mean", "sampled latents")
+    for skill in found["skills"]:
+        goal = ", ".join(f"{x:g}" for x in skill["goal"])
+        table.add_row(skill["name"], goal, _centimetres(skill["final_distance_m"]), f"{skill['success_rate']:.0%}")
+    ratio = speed["training_ratio"]
+    share = f", {ratio:.0%} of the bare engine" if ratio else ""
+    table.caption = (
+        f"{found['env_steps']:,} control steps in {artifact.measured['wall_seconds']:.0f} s"
+        f" ({speed['env_steps_per_second']:,.0f}/s{share}); success {found['success_rate']:.1%}, "
+        f"skills recognised {found['embedding']['inference_accuracy']:.1%}"
+    )
+    return table
+
+
+def _means_table(artifact: Artifact) -> Table:
+    table = _table(str(artifact.id), "skill", "mean latent", "std", "at the mean")
+    for skill in artifact.results["skills"]:
+        mean, std = (" ".join(f"{x:5.2f}" for x in skill[key]) for key in ("mean", "std"))
+        table.add_row(skill["name"], mean, std, _centimetres(skill["final_distance_m"]))
+    efficiency, r = artifact.results["efficiency"], artifact.results["latent_goal_correlation"]
+    shown = ["–" if number is None else f"{number:.3f}" for number in (efficiency, r)]
+    table.caption = f"embedding efficiency {shown[0]} (lower is better separated), latent against goal distances r = {shown[1]}"
+    return table
+
+
+def _plan_table(artifact: Artifact) -> Table:
+    found = artifact.results
+    table = _table(f"{artifact.id}: {found['method']}, {found['task']}", "waypoint", "target (m)", "closest")
+    for index, waypoint in enumerate(found["waypoints"]):
+        target = ", ".join(f"{x:g}" for x in waypoint["target"])
+        table.add_row(str(index + 1), target, _centimetres(waypoint["closest_m"]))
+    steps = " ".join(f"{segment['skill']}:{segment['seconds']:.2f}s" for segment in found["segments"])
+    table.caption = (
+        f"{'success' if found['success'] else 'no success'}, ends {_centimetres(found['final_distance_m'])} from the last goal; "
+        f"planned in {artifact.measured['planning_seconds']:.1f} s, {found['expanded_nodes']} nodes\nplan {steps}"
+    )
+    return table
+
+
+def _transfer_table(artifact: Artifact) -> Table:
+    table = _table(f"{artifact.id}: {artifact.results['evaluated']}", "domain", "success", "95 %", "median", "p90", "retention")
+    for domain in artifact.results["domains"]:
+        low, high = domain["ci95"]
+        distance, retention = domain["final_distance_m"], domain["retention"]
+        table.add_row(
+            domain["name"], f"{domain['successes']}/{domain['episodes']}", f"{low:.0%}–{high:.0%}",
+            _centimetres(distance["median"]), _centimetres(distance["p90"]), "–" if retention is None else f"{retention:.2f}",
+        )  # fmt: skip
+    table.caption = f"source: success {artifact.results['source']['success_rate']:.0%}"
+    return table

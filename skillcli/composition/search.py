@@ -1,0 +1,191 @@
+"""Uniform cost search over latents (Dijkstra 1959; with a heuristic, A*: Hart, Nilsson and Raphael 1968).
+
+A node is a simulator state reached by holding latents one after the other; its cost is the time that took. `ask` proposes
+(node, latent, duration) expansions, the cheapest nodes first, several at once; `tell` takes what they led to. The search
+never sees a simulator: states are opaque rows.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from skillcli.composition.latent_environment import LatentEnvironment, Outcome
+from skillcli.composition.plan import Choices, Segment
+from skillcli.trajectories import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """A state that some sequence of latents leads to."""
+
+    parent: Node | None
+    choice: int  # index into the choices, -1 at the root
+    steps: int  # control steps that the last latent was held
+    cost: float  # control steps from the start
+    due: int  # index of the waypoint that has to be met next
+    point: Array  # (3,) m, the judged point
+    row: Array  # (S,) the simulator's state
+    speed: float  # m/s of the judged point at the end
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to search; lengths in m, durations in control steps."""
+
+    durations: tuple[int, ...]
+    tolerance: float  # a waypoint is met within this
+    resolution: float  # states closer than this, with the same waypoint due, count as one
+    step_seconds: float
+    weight: float  # of the heuristic: 0 uniform cost, 1 A*, above 1 bounded suboptimal (Pohl 1970)
+    max_speed: float  # m/s for the admissible heuristic, 0 for none
+    final_speed: float  # m/s, the last waypoint counts as met only at or below this
+    budget: int  # expanded nodes
+
+
+class UniformCostSearch:
+    """The cheapest node first: time so far, plus the weighted time still needed at the top speed where one is given.
+
+    Args:
+        root: the start state.
+        point: (3,) m, the judged point there.
+        waypoints: (W, 3) m, to be met in order; the last one at the end of a segment, the others at any step.
+        choices: latents.
+        settings: see `Settings`.
+    """
+
+    def __init__(self, root: Array, point: Array, waypoints: Array, choices: Choices, settings: Settings) -> None:
+        self.waypoints, self.choices, self.settings = waypoints, choices, settings
+        legs = np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
+        self._legs_behind = np.concatenate([np.cumsum(legs[::-1])[::-1], [0.0]])  # m, path behind each waypoint
+        start = Node(None, -1, 0, 0.0, 0, point, root, 0.0)
+        self._order = itertools.count()
+        self._open: list[tuple[float, int, Node]] = [(self._priority(start), next(self._order), start)]
+        self._visited: set[tuple[int, ...]] = {self._cell(start)}
+        self.best, self.goal = start, None if len(waypoints) else start
+        self.expanded = 0
+
+    @property
+    def finished(self) -> bool:
+        """Whether the cheapest plan is found, the budget is spent, or nothing is left to expand."""
+        if not self._open or self.expanded >= self.settings.budget:
+            return True
+        return self.goal is not None and self.goal.cost <= self._open[0][0]
+
+    def ask(self, count: int) -> list[Node]:
+        """The next nodes to expand, at most `count`; each is to be continued with every choice and duration."""
+        left = min(count, self.settings.budget - self.expanded)
+        nodes = [heapq.heappop(self._open)[2] for _ in range(min(left, len(self._open)))]
+        self.expanded += len(nodes)
+        return nodes
+
+    def tell(self, nodes: Sequence[Node], choice: Array, outcome: Outcome, steps: int) -> list[Node]:
+        """Take what holding a choice (n,) from each of n nodes for some steps led to; returns the children kept."""
+        children = []
+        speed = np.linalg.norm(np.diff(outcome.path, axis=1), axis=2) / self.settings.step_seconds  # (n, steps)
+        for i, node in enumerate(nodes):
+            if outcome.failed[i]:
+                continue
+            path, speeds = outcome.path[i], speed[i]
+            due, met = self._progress(node.due, path, speeds)
+            held = met or steps  # a plan ends the moment its last goal is met
+            child = Node(
+                node, int(choice[i]), held, node.cost + held, due, path[held], outcome.rows[i], float(speeds[held - 1])
+            )
+            cell = self._cell(child)
+            if cell in self._visited:
+                continue
+            self._visited.add(cell)
+            children.append(child)
+            self._keep(child)
+        return children
+
+    def plan(self, node: Node) -> list[Segment]:
+        """The segments that lead to a node; the same latent twice in a row becomes one segment."""
+        segments: list[Segment] = []
+        while node.parent is not None:
+            choice = node.choice
+            if segments and segments[0].label == self.choices.label[choice]:
+                last = segments.pop(0)
+                segments.insert(0, Segment(last.latent, last.skill, last.label, last.steps + node.steps))
+            else:
+                latent, skill = self.choices.latent[choice], int(self.choices.skill[choice])
+                segments.insert(0, Segment(latent, skill, self.choices.label[choice], node.steps))
+            node = node.parent
+        return segments
+
+    def _keep(self, child: Node) -> None:
+        if child.due == len(self.waypoints):
+            if self.goal is None or child.cost < self.goal.cost:
+                self.goal = self.best = child
+            return
+        heapq.heappush(self._open, (self._priority(child), next(self._order), child))
+        if self.goal is None and self._merit(child) < self._merit(self.best):
+            self.best = child
+
+    def _progress(self, due: int, path: Array, speed: Array) -> tuple[int, int]:
+        """Which waypoint is due behind a path, and the step at which the last one was met, 0 where it was not."""
+        last = len(self.waypoints) - 1
+        for t in range(1, len(path)):
+            while due < last and np.linalg.norm(path[t] - self.waypoints[due]) <= self.settings.tolerance:
+                due += 1
+            slow = speed[t - 1] <= self.settings.final_speed
+            if due == last and slow and np.linalg.norm(path[t] - self.waypoints[last]) <= self.settings.tolerance:
+                return due + 1, t
+        return due, 0
+
+    def _remaining(self, node: Node) -> float:
+        """Length of the straight way through all waypoints that are due, m."""
+        if node.due >= len(self.waypoints):
+            return 0.0
+        return float(np.linalg.norm(node.point - self.waypoints[node.due]) + self._legs_behind[node.due])
+
+    def _priority(self, node: Node) -> float:
+        if self.settings.max_speed <= 0 or node.due >= len(self.waypoints):
+            return node.cost
+        # each waypoint may be met a tolerance early and left a tolerance late: less way than the straight one
+        slack = self.settings.tolerance * (2 * (len(self.waypoints) - node.due) - 1)
+        seconds = max(0.0, self._remaining(node) - slack) / self.settings.max_speed
+        return node.cost + self.settings.weight * seconds / self.settings.step_seconds
+
+    def _merit(self, node: Node) -> tuple[int, float]:
+        """How far from the end a node is, for the best plan where none meets everything."""
+        return (-node.due, self._remaining(node))
+
+    def _cell(self, node: Node) -> tuple[int, ...]:
+        at = np.floor(node.point / self.settings.resolution).astype(int)
+        return (node.due, *at.tolist(), int(node.speed > self.settings.final_speed))
+
+
+def search(
+    planner: UniformCostSearch, world: LatentEnvironment, batch: int, tell: Callable[[int, int], None]
+) -> Node:
+    """Run a search to its end; returns the goal node, or the nearest one when the budget is spent.
+
+    Args:
+        planner: proposes.
+        world: expands.
+        batch: nodes that are expanded at once.
+        tell: told the nodes expanded and the waypoints met so far.
+    """
+    count = len(planner.choices.latent)
+    while not planner.finished:
+        nodes = planner.ask(batch)
+        parents = [node for node in nodes for _ in range(count)]
+        choice = np.tile(np.arange(count), len(nodes))
+        rows = np.stack([node.row for node in parents])
+        held = 0
+        path = np.empty((len(parents), 0, 3))
+        failed = np.zeros(len(parents), dtype=bool)
+        for steps in sorted(planner.settings.durations):  # a longer segment goes on where a shorter one ended
+            outcome = world.hold(rows, planner.choices.latent[choice], steps - held)
+            path = np.concatenate([path[:, :-1] if held else path, outcome.path], axis=1)
+            failed |= outcome.failed
+            rows, held = outcome.rows, steps
+            planner.tell(parents, choice, Outcome(path, failed, rows), steps)
+        tell(planner.expanded, planner.best.due)
+    return planner.best

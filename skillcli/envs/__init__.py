@@ -1,0 +1,1 @@
+"""Vectorised environments: many simulations side by side, one call for all."""

@@ -1,0 +1,62 @@
+"""What every environment offers, and what one control step returns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skillcli.trajectories import Array
+
+__all__ = ["Array", "Environment", "Step"]
+
+
+class Step(NamedTuple):
+    """The outcome of one control step of all N simulations."""
+
+    observation: NDArray[Any]  # (N, o) float32
+    reward: NDArray[Any]  # (N,) the task's own reward
+    terminated: NDArray[Any]  # (N,) bool: failed for good, an unstable simulation say
+    truncated: NDArray[Any]  # (N,) bool: out of time
+
+
+class Environment(Protocol):
+    """N simulations of one task. The observation holds neither goal nor skill; the reward knows the goal."""
+
+    num: int
+    horizon: int  # control steps in an episode
+    control_period: float  # s
+    observation_size: int
+    action_size: int
+    goals: Array  # (K, 3) m, the goal of each skill
+    tolerance: float  # m
+    target: Array  # (N, 3) m, the goal that the reward looks at
+
+    def reset(self, ids: Array, skill: Array) -> None:
+        """Put these simulations at the start, with the goals of these skills (n,), and their clocks at zero."""
+
+    def observe(self) -> Array:
+        """(N, o) float32."""
+
+    def step(self, action: Array) -> Step:
+        """Apply actions (N, a), in units of the action limit and clipped to ±1, for one control step."""
+
+    def judged(self) -> Array:
+        """Where the judged point of each simulation is, (N, 3) m."""
+
+    def begin(self, ids: Array, rows: Array, skill: Array) -> None:
+        """Begin episodes of these skills from saved states, their clocks at zero."""
+
+    def save(self, ids: Array) -> Array:
+        """Whole states of these simulations, (n, S)."""
+
+    def restore(self, ids: Array, rows: Array) -> None:
+        """Put saved states into these slots."""
+
+    def perturb(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
+        """Turn every simulation into a robot of its own, with parameters (N, ...) of a domain, before a reset."""
+
+    def snapshot(self) -> dict[str, Array]:
+        """What a recording keeps of the present moment, by the names of `Trajectories`, each (N, ...)."""

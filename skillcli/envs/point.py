@@ -1,0 +1,83 @@
+"""The point task: a position in the plane, moved by velocity. The test bed of the method, without physics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from skillcli.envs.environment import Array, Step
+from skillcli.recipe import PointTask
+
+
+class PointEnvironment:
+    """N points that start at the origin.
+
+    Observation (2): the position, m. Action (2): a move in units of the step limit. Reward: minus the distance to the
+    goal, m.
+    """
+
+    observation_size = 2
+    action_size = 2
+    control_period = 0.05  # s; nominal, so that a recording has a clock
+
+    def __init__(self, task: PointTask, num: int) -> None:
+        self.num, self.horizon, self.tolerance = num, task.horizon, task.tolerance
+        self._step_limit: Array = np.full((num, 1), task.step_limit)
+        self._bound = task.bound
+        self._noise: Array | None = None  # sensor noise of a transfer domain, (N, 1) m
+        self._rng = np.random.default_rng(0)
+        self.goals = np.array([[*goal, 0.0] for goal in task.goals])
+        self.target = np.zeros((num, 3))
+        self._position = np.zeros((num, 2))
+        self._elapsed = np.zeros(num, dtype=np.int64)
+        self.applied = np.zeros((num, 2))
+
+    def reset(self, ids: Array, skill: Array) -> None:
+        """See `Environment`."""
+        self.begin(ids, np.zeros((len(ids), 2)), skill)
+
+    def begin(self, ids: Array, rows: Array, skill: Array) -> None:
+        """See `Environment`."""
+        self.restore(ids, rows)
+        self._elapsed[ids] = 0
+        self.target[ids] = self.goals[skill]
+
+    def observe(self) -> Array:
+        """See `Environment`."""
+        if self._noise is None:
+            return self._position.astype(np.float32)
+        noisy = self._position + self._noise * self._rng.standard_normal((self.num, 2))
+        return noisy.astype(np.float32)
+
+    def perturb(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
+        """Change the mean gain of the moves and the position noise; what else a domain names has no meaning here."""
+        if "gain" in parameters:
+            self._step_limit = self._step_limit * parameters["gain"].mean(axis=1, keepdims=True)
+        if "position_noise" in parameters:
+            self._noise, self._rng = parameters["position_noise"][:, None], rng
+
+    def step(self, action: Array) -> Step:
+        """See `Environment`."""
+        self.applied = self._step_limit * np.clip(action, -1.0, 1.0)
+        np.clip(self._position + self.applied, -self._bound, self._bound, out=self._position)
+        self._elapsed += 1
+        reward = -np.linalg.norm(self._position - self.target[:, :2], axis=1)
+        return Step(self.observe(), reward, np.zeros(self.num, dtype=bool), self._elapsed >= self.horizon)
+
+    def judged(self) -> Array:
+        """See `Environment`."""
+        return np.concatenate([self._position, np.zeros((self.num, 1))], axis=1)
+
+    def save(self, ids: Array) -> Array:
+        """See `Environment`."""
+        rows: Array = self._position[ids]
+        return rows
+
+    def restore(self, ids: Array, rows: Array) -> None:
+        """See `Environment`."""
+        self._position[ids] = rows
+
+    def snapshot(self) -> dict[str, Array]:
+        """See `Environment`."""
+        return {"position": self._position.copy()}

@@ -1,0 +1,53 @@
+"""The Sawyer arm as data: where its model lies, its names and its limits, and the table in front of it."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+MODEL_FILE = Path(__file__).parent / "models" / "sawyer.xml"
+JOINTS = tuple(f"right_j{i}" for i in range(7))
+
+# Rethink's public sawyer_description, rad/s; 0.04 rad in 50 ms is 0.8 rad/s and keeps every joint below them.
+VELOCITY_LIMIT = np.array([1.74, 1.328, 1.957, 1.957, 3.485, 3.485, 4.545])
+
+# No point of the finger is farther from here, m: the axis of the first joint at the height of the second, and the sum
+# of the distances between successive joint origins from there to the finger's tip.
+SHOULDER = np.array([0.0, 0.0, 0.317])
+LONGEST_REACH = 1.34
+
+# The commanded target stops this far inside the joint range, rad: a servo with these gains overshoots less.
+LIMIT_MARGIN = 0.02
+
+# Control samples kept per actuator where a domain may delay it: 0.16 s at the model's 5 ms.
+DELAY_SAMPLES = 32
+
+TABLE_TOP = 0.0  # m: the robot's base stands on the same height
+_TABLE_CENTRE = (0.72, 0.0)
+_TABLE_HALF_SIZE = (0.42, 0.6, 0.02)
+
+
+def arm_spec(timestep: float, delay: bool = False) -> mujoco.MjSpec:
+    """The arm with its finger behind a table, ready for a task to add what it needs.
+
+    Args:
+        timestep: of the physics, s.
+        delay: whether actuators keep a history, so that a domain can delay them.
+    """
+    spec = mujoco.MjSpec.from_file(str(MODEL_FILE))
+    spec.option.timestep = timestep
+    for actuator in spec.actuators:
+        actuator.nsample = DELAY_SAMPLES if delay else 0
+    table = spec.worldbody.add_body(name="table", pos=[*_TABLE_CENTRE, TABLE_TOP - _TABLE_HALF_SIZE[2]])
+    table.add_geom(
+        name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=_TABLE_HALF_SIZE, rgba=[0.78, 0.72, 0.62, 1], friction=[0.6, 0.005, 1e-4]
+    )
+    return spec
+
+
+def fingerprint(spec: mujoco.MjSpec) -> str:
+    """SHA-256 of the model as MJCF text."""
+    return hashlib.sha256(spec.to_xml().encode()).hexdigest()

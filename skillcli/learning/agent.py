@@ -1,0 +1,87 @@
+"""All networks of one skill library together: built from a recipe, stored as plain arrays, used frozen afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from skillcli.learning.networks import Embedding, Inference, Normalizer, Policy, Value
+from skillcli.recipe import Recipe
+from skillcli.seeding import torch_generator
+from skillcli.trajectories import Array
+
+
+class Agent(nn.Module):
+    """pi(a|s,z), p(z|t), q(z|window), V(s,z,t) and the normaliser they share.
+
+    Args:
+        recipe: gives the sizes.
+        observation: observation size o.
+        action: action size a.
+        skills: number of skills K.
+        seed: of the initial weights.
+    """
+
+    def __init__(self, recipe: Recipe, observation: int, action: int, skills: int, seed: int = 0) -> None:
+        super().__init__()
+        embedding, network = recipe.embedding, recipe.network
+        self.window, self.skills, self.latent_size = embedding.window, skills, embedding.size
+        make = torch_generator(seed, "networks")
+        self.normalizer = Normalizer(observation)
+        self.policy = Policy(
+            observation, embedding.size, action, network.policy_hidden, network.initial_action_std, make
+        )
+        bounds = (embedding.min_std, embedding.max_std)
+        self.embedding = Embedding(skills, embedding.size, embedding.initial_std, bounds, make)
+        window_size = embedding.window * observation
+        self.inference = Inference(window_size, embedding.size, network.inference_hidden, make)
+        self.value = Value(observation, embedding.size, skills, network.value_hidden, make)
+
+    @torch.no_grad()
+    def act(self, observation: Array, latent: Array) -> Array:
+        """Deterministic actions in units of the action limit: (N, o), (N, d) to (N, a)."""
+        normalized = self.normalizer(torch.as_tensor(observation, dtype=torch.float32))
+        mean: Array = self.policy(normalized, torch.as_tensor(latent, dtype=torch.float32)).numpy()
+        return mean
+
+    @torch.no_grad()
+    def embed(self) -> tuple[Array, Array]:
+        """Mean and standard deviation of p(z|t) per skill, (K, d) each."""
+        return self.embedding.mean.numpy().astype(np.float64), self.embedding.std.numpy().astype(np.float64)
+
+    @torch.no_grad()
+    def infer(self, windows: Array) -> Array:
+        """Mean of q(z|window) for windows (N, H, o) of raw observations, (N, d)."""
+        normalized = self.normalizer(torch.as_tensor(windows, dtype=torch.float32))
+        mean: Array = self.inference(normalized.flatten(1))[0].numpy()
+        return mean
+
+    def arrays(self) -> dict[str, Array]:
+        """Every weight by its dotted name."""
+        return {name: tensor.detach().numpy().copy() for name, tensor in self.state_dict().items()}
+
+    def load(self, arrays: Mapping[str, Array]) -> None:
+        """Take weights as `arrays` gave them."""
+        self.load_state_dict({name: torch.from_numpy(np.array(array)) for name, array in arrays.items()})
+
+
+def one_hot(skill: Tensor, skills: int) -> Tensor:
+    """(...,) indices to (..., K) float."""
+    return nn.functional.one_hot(skill, skills).float()
+
+
+def windows(observation: Tensor, length: int) -> Tensor:
+    """The last `length` observations at every step, the first one repeated where there are fewer.
+
+    Args:
+        observation: (T, N, o).
+        length: H.
+
+    Returns:
+        (T, N, H*o), oldest first.
+    """
+    steps = torch.arange(observation.shape[0])[:, None] - torch.arange(length - 1, -1, -1)[None]  # (T, H)
+    return observation[steps.clamp(min=0)].permute(0, 2, 1, 3).flatten(2)

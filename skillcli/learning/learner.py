@@ -1,0 +1,140 @@
+"""Training in progress: rollout, update, curves; and everything that must be kept to go on exactly."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+
+from skillcli.errors import SkillError
+from skillcli.learning import te_ppo
+from skillcli.learning.agent import Agent
+from skillcli.learning.rollout import Rollout, StartPool, VectorEnvironment, collect
+from skillcli.recipe import Recipe
+from skillcli.seeding import generator
+from skillcli.trajectories import Array
+
+POOL_CAPACITY = 4096  # states; about sixteen rollouts of the default size
+
+
+class Learner:
+    """TE-PPO on one environment.
+
+    Every rollout begins with a reset of all simulations, so between two iterations nothing in the simulator matters:
+    weights, optimisers, generator, start pool and counters are the whole state.
+
+    Args:
+        env: simulations of the task.
+        recipe: what to train.
+        seed: of weights and chance.
+    """
+
+    def __init__(self, env: VectorEnvironment, recipe: Recipe, seed: int) -> None:
+        torch.set_num_threads(1)  # results must not depend on how many cores there are
+        self.env, self.recipe = env, recipe
+        self.agent = Agent(recipe, env.observation_size, env.action_size, len(env.goals), seed)
+        self.optimizers = te_ppo.Optimizers.of(self.agent, recipe.training.learning_rate)
+        self.pool = StartPool(POOL_CAPACITY)
+        self.rng = generator(seed, "training")
+        self.iteration = self.env_steps = 0
+        self.sampling_seconds = 0.0
+        self.curves: dict[str, list[float]] = {}
+
+    @property
+    def finished(self) -> bool:
+        """Whether the recipe's iterations are done."""
+        return self.iteration >= self.recipe.training.iterations
+
+    def iterate(self) -> dict[str, float]:
+        """One rollout and one update; returns this iteration's point on every curve.
+
+        Raises:
+            SkillError: training came apart.
+        """
+        training = self.recipe.training
+        rollout = collect(self.env, self.agent, self.pool, training.chained_starts, self.rng)
+        seen = torch.from_numpy(rollout.observation).flatten(0, 1)
+        if self.iteration == 0:  # before the first update there is nothing to normalise by
+            self.agent.normalizer.update(seen)
+        batch, prepared = te_ppo.prepare(rollout, self.agent, training)
+        updated = te_ppo.update(batch, self.agent, self.optimizers, training, self.rng)
+        if self.iteration > 0:
+            self.agent.normalizer.update(seen)
+        self.iteration += 1
+        self.env_steps += rollout.reward.size
+        self.sampling_seconds += rollout.seconds
+        point = {"env_steps": float(self.env_steps), **self._outcome(rollout), **prepared, **updated}
+        self._check(point)
+        for name, number in point.items():
+            self.curves.setdefault(name, []).append(number)
+        return point
+
+    def _outcome(self, rollout: Rollout) -> dict[str, float]:
+        tolerance = self.recipe.task.tolerance
+        near = rollout.final_distance <= tolerance
+        finite = rollout.final_distance[np.isfinite(rollout.final_distance)]
+        outcome = {
+            "return": float((rollout.reward * rollout.valid).sum(0).mean()),
+            "success_rate": float(near.mean()),
+            "final_distance": float(finite.mean()) if len(finite) else 0.0,
+        }
+        for skill in range(self.agent.skills):
+            chosen = near[rollout.skill == skill]
+            outcome[f"success/{skill + 1}"] = float(chosen.mean()) if len(chosen) else 0.0
+        return outcome
+
+    def _check(self, point: dict[str, float]) -> None:
+        broken = [name for name, number in point.items() if not math.isfinite(number)]
+        weights_fine = all(bool(torch.isfinite(weight).all()) for weight in self.agent.parameters())
+        if broken or not weights_fine:
+            raise SkillError(
+                f"training came apart in iteration {self.iteration}: {', '.join(broken) or 'weights'} not finite",
+                "lower training.learning_rate or training.target_kl, or raise training.minibatch",
+            )
+
+    def state(self) -> tuple[dict[str, Array], dict[str, Any]]:
+        """Everything needed to go on: arrays by path, and the rest as JSON-able values."""
+        arrays = {f"agent/{name}": array for name, array in self.agent.arrays().items()}
+        for group, optimizer in vars(self.optimizers).items():
+            for index, slots in optimizer.state_dict()["state"].items():
+                arrays |= {f"optimizer/{group}/{index}/{slot}": tensor.numpy() for slot, tensor in slots.items()}
+        if self.pool.rows is not None:
+            arrays["pool"] = self.pool.rows
+        arrays |= {f"curves/{name}": np.array(values) for name, values in self.curves.items()}
+        return arrays, {
+            "iteration": self.iteration,
+            "env_steps": self.env_steps,
+            "sampling_seconds": self.sampling_seconds,
+            "policy_rate": self.optimizers.policy_rate,
+            "generator": self.rng.bit_generator.state,
+            "pool": [self.pool.filled, self.pool.next],
+        }
+
+    def load(self, arrays: Mapping[str, Array], state: Mapping[str, Any]) -> None:
+        """Go on from what `state` gave."""
+        self.agent.load(_below(arrays, "agent/"))
+        for group, optimizer in vars(self.optimizers).items():
+            self._load_optimizer(optimizer, _below(arrays, f"optimizer/{group}/"))
+        self.optimizers.policy_rate = state["policy_rate"]
+        self.curves = {name: values.tolist() for name, values in _below(arrays, "curves/").items()}
+        self.pool.rows = arrays.get("pool")
+        self.pool.filled, self.pool.next = state["pool"]
+        self.rng.bit_generator.state = state["generator"]
+        self.iteration, self.env_steps = state["iteration"], state["env_steps"]
+        self.sampling_seconds = state["sampling_seconds"]
+
+    @staticmethod
+    def _load_optimizer(optimizer: torch.optim.Adam, arrays: Mapping[str, Array]) -> None:
+        content = optimizer.state_dict()
+        slots: dict[int, dict[str, torch.Tensor]] = {}
+        for path, array in arrays.items():
+            index, slot = path.split("/")
+            slots.setdefault(int(index), {})[slot] = torch.from_numpy(np.array(array))
+        optimizer.load_state_dict({**content, "state": slots})
+
+
+def _below(arrays: Mapping[str, Array], prefix: str) -> dict[str, Array]:
+    return {path.removeprefix(prefix): array for path, array in arrays.items() if path.startswith(prefix)}

@@ -1,0 +1,143 @@
+"""The four networks of TE-PPO and the normaliser of observations.
+
+Names follow the paper: policy pi(a|s,z), embedding p(z|t), inference q(z|window), value V(s,z,t).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+
+from skillcli.learning.gaussian import bounded_std, inverse_bounded_std
+
+
+def mlp(sizes: Sequence[int], last_gain: float, generator: torch.Generator) -> nn.Sequential:
+    """A tanh multilayer perceptron, sizes from input to output, orthogonal weights, zero biases."""
+    layers: list[nn.Module] = []
+    for i, (fan_in, fan_out) in enumerate(zip(sizes[:-1], sizes[1:], strict=True)):
+        last = i == len(sizes) - 2
+        linear = nn.Linear(fan_in, fan_out)
+        nn.init.orthogonal_(linear.weight, last_gain if last else math.sqrt(2.0), generator=generator)
+        nn.init.zeros_(linear.bias)
+        layers += [linear] if last else [linear, nn.Tanh()]
+    return nn.Sequential(*layers)
+
+
+class Policy(nn.Module):
+    """pi(a|s,z): mean from the network, standard deviation per action dimension. Actions are in units of the limit."""
+
+    MIN_STD, MAX_STD = 0.02, 1.0
+
+    def __init__(
+        self, observation: int, latent: int, action: int, hidden: Sequence[int], std: float, generator: torch.Generator
+    ) -> None:
+        super().__init__()
+        self.body = mlp([observation + latent, *hidden, action], 0.01, generator)
+        self.log_std = nn.Parameter(torch.full((action,), math.log(std)))
+
+    def forward(self, observation: Tensor, latent: Tensor) -> Tensor:
+        """Mean action: normalised observations (..., o) and latents (..., d) to (..., a)."""
+        mean: Tensor = self.body(torch.cat([observation, latent], -1))
+        return mean
+
+    @property
+    def std(self) -> Tensor:
+        """(a,) standard deviation of the action."""
+        return self.log_std.exp().clamp(self.MIN_STD, self.MAX_STD)
+
+
+class Embedding(nn.Module):
+    """p(z|t): per skill a mean in (-1, 1) and a standard deviation within bounds."""
+
+    def __init__(
+        self, skills: int, latent: int, std: float, bounds: tuple[float, float], generator: torch.Generator
+    ) -> None:
+        super().__init__()
+        self.bounds = bounds
+        self.raw_mean = nn.Parameter(torch.atanh(spread(skills, latent, generator)))
+        self.raw_std = nn.Parameter(torch.full((skills, latent), inverse_bounded_std(std, *bounds)))
+
+    @property
+    def mean(self) -> Tensor:
+        """(K, d)."""
+        return torch.tanh(self.raw_mean)
+
+    @property
+    def std(self) -> Tensor:
+        """(K, d)."""
+        return bounded_std(self.raw_std, *self.bounds)
+
+
+def spread(points: int, dimensions: int, generator: torch.Generator) -> Tensor:
+    """Points spread over the cube [-0.8, 0.8]^d, (points, d): a random start, pushed apart.
+
+    Skills that begin close together in the latent space are slow to separate.
+    """
+    x = torch.rand(points, dimensions, generator=generator) * 1.6 - 0.8
+    for _ in range(200):
+        offset = x[:, None] - x[None]  # (K, K, d)
+        squared = offset.square().sum(-1, keepdim=True) + 1e-3
+        x = (x + 0.02 * (offset / squared).sum(1)).clamp(-0.8, 0.8)
+    return x
+
+
+class Inference(nn.Module):
+    """q(z|window): a Gaussian over latents from the last H observations."""
+
+    MIN_STD, MAX_STD = 0.03, 1.0
+
+    def __init__(self, window_size: int, latent: int, hidden: Sequence[int], generator: torch.Generator) -> None:
+        super().__init__()
+        self.body = mlp([window_size, *hidden, 2 * latent], 0.1, generator)
+
+    def forward(self, window: Tensor) -> tuple[Tensor, Tensor]:
+        """Flattened windows (..., H*o) to mean and standard deviation, (..., d) each."""
+        mean, raw_std = self.body(window).chunk(2, -1)
+        return mean, bounded_std(raw_std, self.MIN_STD, self.MAX_STD)
+
+
+class Value(nn.Module):
+    """V(s,z,t), in units of the value scale; it may know the skill, the policy may not."""
+
+    def __init__(
+        self, observation: int, latent: int, skills: int, hidden: Sequence[int], generator: torch.Generator
+    ) -> None:
+        super().__init__()
+        self.body = mlp([observation + latent + skills, *hidden, 1], 1.0, generator)
+
+    def forward(self, observation: Tensor, latent: Tensor, skill_one_hot: Tensor) -> Tensor:
+        """(..., o), (..., d), (..., K) to (...,)."""
+        value: Tensor = self.body(torch.cat([observation, latent, skill_one_hot], -1)).squeeze(-1)
+        return value
+
+
+class Normalizer(nn.Module):
+    """Running mean and variance of observations, updated between rollouts, never within one."""
+
+    mean: Tensor
+    variance: Tensor
+    count: Tensor
+
+    def __init__(self, size: int) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(size))
+        self.register_buffer("variance", torch.ones(size))
+        self.register_buffer("count", torch.zeros(()))
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """(..., o) to zero mean and unit variance, clipped to ±5."""
+        return ((observation - self.mean) / (self.variance + 1e-6).sqrt()).clamp(-5.0, 5.0)
+
+    @torch.no_grad()
+    def update(self, observation: Tensor) -> None:
+        """Take in a batch (n, o), by the parallel variance formula of Chan et al. (1979)."""
+        n = float(observation.shape[0])
+        mean, variance = observation.mean(0), observation.var(0, unbiased=False)
+        total = self.count + n
+        delta = mean - self.mean
+        self.variance += (variance - self.variance) * (n / total) + delta.square() * (self.count * n / total**2)
+        self.mean += delta * (n / total)
+        self.count += n

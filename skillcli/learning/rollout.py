@@ -1,0 +1,143 @@
+"""Collecting episodes with the stochastic policy, one latent per episode, from chained or single starts."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+
+from skillcli.learning.agent import Agent
+from skillcli.trajectories import Array
+
+
+class VectorEnvironment(Protocol):
+    """What training needs of N simulations of a task."""
+
+    num: int
+    horizon: int
+    observation_size: int
+    action_size: int
+    goals: Array
+    target: Array
+
+    def judged(self) -> Array:
+        """Where the judged points are, (N, 3) m."""
+
+    def reset(self, ids: Array, skill: Array) -> None:
+        """Start these simulations at the start, on these skills."""
+
+    def begin(self, ids: Array, rows: Array, skill: Array) -> None:
+        """Start these simulations from saved states, on these skills."""
+
+    def observe(self) -> Array:
+        """Observations (N, o)."""
+
+    def step(self, action: Array) -> Any:
+        """One control step: observation, reward, terminated, truncated."""
+
+    def save(self, ids: Array) -> Array:
+        """Whole states of these simulations."""
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """One episode per simulation, T steps each; steps behind a termination are not valid."""
+
+    observation: Array  # (T+1, N, o) float32
+    action: Array  # (T, N, a) float32, as drawn
+    reward: Array  # (T, N) the task's own
+    terminated: Array  # (T, N) bool
+    valid: Array  # (T, N) bool
+    skill: Array  # (N,)
+    noise: Array  # (N, d) the epsilon of z = mean + std * epsilon
+    latent: Array  # (N, d)
+    final_distance: Array  # (N,) m, of the judged point to its goal at the end
+    seconds: float  # spent in the loop of policy and simulator
+
+
+class StartPool:
+    """States that earlier rollouts passed through: a ring of the latest, to start new episodes from."""
+
+    SNAPSHOTS = 4  # moments of each rollout that are kept
+
+    def __init__(self, capacity: int) -> None:
+        self.rows: Array | None = None
+        self.capacity, self.filled, self.next = capacity, 0, 0
+
+    def add(self, rows: Array) -> None:
+        """Keep rows (n, S), over the oldest ones when full."""
+        if self.rows is None:
+            self.rows = np.zeros((self.capacity, rows.shape[1]))
+        places = (self.next + np.arange(len(rows))) % self.capacity
+        self.rows[places] = rows
+        self.next = int((self.next + len(rows)) % self.capacity)
+        self.filled = min(self.capacity, self.filled + len(rows))
+
+    def draw(self, n: int, rng: np.random.Generator) -> Array:
+        """(n, S) states drawn with replacement; only when something was added."""
+        assert self.rows is not None
+        drawn: Array = self.rows[rng.integers(self.filled, size=n)]
+        return drawn
+
+
+def start_episodes(
+    env: VectorEnvironment, pool: StartPool, chained: float, rng: np.random.Generator
+) -> Array:
+    """Give every simulation a skill and a start; returns the skills (N,), equally many of each."""
+    skills = rng.permutation(np.arange(env.num) % len(env.goals))
+    continued = rng.random(env.num) < chained if pool.filled else np.zeros(env.num, dtype=bool)
+    fresh, kept = np.flatnonzero(~continued), np.flatnonzero(continued)
+    if len(fresh):
+        env.reset(fresh, skills[fresh])
+    if len(kept):
+        env.begin(kept, pool.draw(len(kept), rng), skills[kept])
+    return skills
+
+
+@torch.no_grad()
+def collect(
+    env: VectorEnvironment, agent: Agent, pool: StartPool, chained: float, rng: np.random.Generator
+) -> Rollout:
+    """Run one episode in every simulation, and keep some of the states passed for later starts."""
+    steps, num = env.horizon, env.num
+    skill = start_episodes(env, pool, chained, rng)
+    mean, std = agent.embed()
+    noise = rng.standard_normal(mean[skill].shape)
+    latent = (mean[skill] + std[skill] * noise).astype(np.float32)
+    exploration = agent.policy.std.numpy() * rng.standard_normal((steps, num, env.action_size), dtype=np.float32)
+    kept_moments = set(rng.choice(steps, size=min(pool.SNAPSHOTS, steps), replace=False).tolist())
+
+    observation = np.empty((steps + 1, num, env.observation_size), dtype=np.float32)
+    action = np.empty((steps, num, env.action_size), dtype=np.float32)
+    reward = np.empty((steps, num), dtype=np.float32)
+    terminated, valid = np.zeros((steps, num), dtype=bool), np.ones((steps, num), dtype=bool)
+    everyone = np.arange(num)
+    alive = np.ones(num, dtype=bool)
+    latent_tensor = torch.from_numpy(latent)
+
+    started = time.perf_counter()
+    observation[0] = env.observe()
+    for t in range(steps):
+        normalized = agent.normalizer(torch.from_numpy(observation[t]))
+        np.add(agent.policy(normalized, latent_tensor).numpy(), exploration[t], out=action[t])
+        step = env.step(action[t])
+        observation[t + 1], reward[t], terminated[t], valid[t] = step.observation, step.reward, step.terminated, alive
+        alive &= ~step.terminated
+        if t in kept_moments:
+            pool.add(env.save(everyone[alive]))  # nobody starts where someone failed
+    seconds = time.perf_counter() - started
+    return Rollout(
+        observation=observation,
+        action=action,
+        reward=reward,
+        terminated=terminated,
+        valid=valid,
+        skill=skill,
+        noise=noise.astype(np.float32),
+        latent=latent,
+        final_distance=np.where(alive, np.linalg.norm(env.judged() - env.target, axis=1), np.inf),
+        seconds=seconds,
+    )

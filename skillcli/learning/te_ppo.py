@@ -1,0 +1,212 @@
+"""TE-PPO: proximal policy optimisation with a task embedding.
+
+The objective is that of Julian et al. 2018 (arXiv:1809.10253, eq. 1), after Hausman et al. 2018:
+
+    max  E[ sum_i gamma^i r^(s_i, a_i, z, t) ]
+    r^ = alpha_1 E_t[H{p(z|t)}] + alpha_2 log q(z|window_i) + alpha_3 H{pi(a_i|s_i,z)} + r_t(s_i, a_i)
+
+The term in alpha_2 enters the reward, where it acts through what the policy does. The two entropies have gradients of
+their own and enter the loss. One epsilon per episode gives z = mean_t + std_t * epsilon; the policy ratio is evaluated at
+that z, so the embedding learns through the policy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from skillcli.learning import gaussian
+from skillcli.learning.agent import Agent, one_hot, windows
+from skillcli.learning.gae import advantages
+from skillcli.learning.rollout import Rollout
+from skillcli.recipe import Training
+from skillcli.trajectories import Array
+
+
+def surrogate_loss(log_prob: Tensor, old_log_prob: Tensor, advantage: Tensor, clip: float) -> Tensor:
+    """PPO's clipped surrogate, negated (Schulman et al. 2017, arXiv:1707.06347, eq. 7); (n,) each to a scalar."""
+    ratio = (log_prob - old_log_prob).exp()
+    clipped = ratio.clamp(1.0 - clip, 1.0 + clip)
+    return -torch.min(ratio * advantage, clipped * advantage).mean()
+
+
+def approximate_kl(log_prob: Tensor, old_log_prob: Tensor) -> Tensor:
+    """KL(old || new) from samples of old: the unbiased, non-negative estimator (r - 1) - log r (Schulman 2020)."""
+    log_ratio = log_prob - old_log_prob
+    return (log_ratio.exp() - 1.0 - log_ratio).mean()
+
+
+def augmented_reward(reward: Array, log_q: Array, training: Training) -> Array:
+    """The task's reward, scaled, and alpha_2 times the clipped log q(z|window); (T, N) each."""
+    diversity = np.clip(log_q, -training.inference_clip, training.inference_clip)
+    augmented: Array = training.reward_scale * reward + training.inference_reward * diversity
+    return augmented
+
+
+def adapted_learning_rate(rate: float, kl: float, target: float) -> float:
+    """A smaller step where the policy moved too far, a larger one where it hardly moved; within [1e-5, 3e-3]."""
+    if kl > 2.0 * target:
+        rate /= 1.5
+    elif kl < 0.5 * target:
+        rate *= 1.5
+    return min(max(rate, 1e-5), 1e-2)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """A rollout, flattened to its n valid steps, with everything the losses need."""
+
+    observation: Tensor  # (n, o) normalised
+    action: Tensor  # (n, a)
+    old_log_prob: Tensor  # (n,)
+    advantage: Tensor  # (n,) standardised
+    value_target: Tensor  # (n,) in units of the value scale
+    skill: Tensor  # (n,)
+    noise: Tensor  # (n, d)
+    latent: Tensor  # (n, d) as used in the rollout
+    window: Tensor  # (n, H*o) normalised, up to the state that the step led to
+
+
+@dataclass
+class Optimizers:
+    """One per group of weights that share no gradient; the policy's step size is adapted."""
+
+    policy: torch.optim.Adam
+    value: torch.optim.Adam
+    inference: torch.optim.Adam
+
+    @staticmethod
+    def of(agent: Agent, rate: float) -> Optimizers:
+        """Adam for policy and embedding together, for the value function, and for the inference network."""
+
+        def adam(*modules: torch.nn.Module) -> torch.optim.Adam:
+            weights = [weight for module in modules for weight in module.parameters()]
+            return torch.optim.Adam(weights, lr=rate, eps=1e-5)
+
+        return Optimizers(adam(agent.policy, agent.embedding), adam(agent.value), adam(agent.inference))
+
+    @property
+    def policy_rate(self) -> float:
+        """The policy's present step size."""
+        return float(self.policy.param_groups[0]["lr"])
+
+    @policy_rate.setter
+    def policy_rate(self, rate: float) -> None:
+        self.policy.param_groups[0]["lr"] = rate
+
+
+@torch.no_grad()
+def prepare(rollout: Rollout, agent: Agent, training: Training) -> tuple[Batch, dict[str, float]]:
+    """Values, augmented rewards and advantages of a rollout, flattened; and what is worth logging."""
+    steps = rollout.action.shape[0]
+    observation = agent.normalizer(torch.from_numpy(rollout.observation))  # (T+1, N, o)
+    skill = torch.from_numpy(rollout.skill)
+    latent = torch.from_numpy(rollout.latent).expand(steps + 1, -1, -1)
+    value = agent.value(observation, latent, one_hot(skill, agent.skills).expand(steps + 1, -1, -1)).numpy()
+    window = windows(observation, agent.window)[1:]  # (T, N, H*o)
+    log_q = gaussian.log_prob(latent[1:], *agent.inference(window))
+    reward = augmented_reward(rollout.reward, log_q.numpy(), training)
+    advantage = advantages(
+        reward, training.value_scale * value[:-1], training.value_scale * value[-1], rollout.terminated, rollout.valid,
+        training.discount, training.gae_lambda,
+    )  # fmt: skip
+    target = advantage / training.value_scale + value[:-1]
+    action = torch.from_numpy(rollout.action)
+    old_log_prob = gaussian.log_prob(action, agent.policy(observation[:-1], latent[1:]), agent.policy.std)
+
+    valid = torch.from_numpy(rollout.valid)
+    flat_advantage = torch.from_numpy(advantage)[valid]
+    batch = Batch(
+        observation=observation[:-1][valid],
+        action=action[valid],
+        old_log_prob=old_log_prob[valid],
+        advantage=(flat_advantage - flat_advantage.mean()) / (flat_advantage.std() + 1e-8),
+        value_target=torch.from_numpy(target)[valid],
+        skill=skill.expand(steps, -1)[valid],
+        noise=torch.from_numpy(rollout.noise).expand(steps, -1, -1)[valid],
+        latent=latent[1:][valid],
+        window=window[valid],
+    )
+    residual = target[rollout.valid].var()
+    explained = 1.0 - (target - value[:-1])[rollout.valid].var() / residual if residual > 0 else 0.0
+    return batch, {"inference_log_prob": float(log_q[valid].mean()), "explained_variance": float(explained)}
+
+
+def update(
+    batch: Batch, agent: Agent, optimizers: Optimizers, training: Training, rng: np.random.Generator
+) -> dict[str, float]:
+    """Several epochs over one batch. Policy and embedding, and value and inference, share no weights: two threads.
+
+    Each thread runs its own torch operations on one core, so the result does not depend on how many cores there are.
+    """
+    orders = [rng.permutation(len(batch.skill)) for _ in range(training.epochs)]
+    with ThreadPoolExecutor(2, initializer=torch.set_num_threads, initargs=(1,)) as threads:
+        actor = threads.submit(_update_actor, batch, agent, optimizers, training, orders)
+        critic = threads.submit(_update_critics, batch, agent, optimizers, training, orders)
+        return actor.result() | critic.result()
+
+
+def _minibatches(order: Array, size: int) -> Iterator[Tensor]:
+    pieces = max(1, round(len(order) / size))
+    for piece in np.array_split(order, pieces):
+        yield torch.from_numpy(piece)
+
+
+def _descend(optimizer: torch.optim.Adam, loss: Tensor, max_norm: float) -> None:
+    optimizer.zero_grad(set_to_none=True)
+    loss.backward()  # type: ignore[no-untyped-call]
+    weights = optimizer.param_groups[0]["params"]
+    torch.nn.utils.clip_grad_norm_(weights, max_norm)
+    optimizer.step()
+
+
+def _update_actor(
+    batch: Batch, agent: Agent, optimizers: Optimizers, training: Training, orders: list[Array]
+) -> dict[str, float]:
+    kl = 0.0
+    for order in orders:
+        divergences: list[float] = []
+        for chosen in _minibatches(order, training.minibatch):
+            log_prob = _log_prob(batch, agent, chosen)
+            old = batch.old_log_prob[chosen]
+            loss = surrogate_loss(log_prob, old, batch.advantage[chosen], training.clip)
+            loss = loss - training.policy_entropy * gaussian.entropy(agent.policy.std)
+            loss = loss - training.embedding_entropy * gaussian.entropy(agent.embedding.std).mean()
+            _descend(optimizers.policy, loss, training.max_grad_norm)
+            divergences.append(float(approximate_kl(log_prob.detach(), old)))
+        kl = sum(divergences) / len(divergences)
+        optimizers.policy_rate = adapted_learning_rate(optimizers.policy_rate, kl, training.target_kl)
+    return {
+        "kl": kl,
+        "learning_rate": optimizers.policy_rate,
+        "action_std": float(agent.policy.std.detach().mean()),
+        "embedding_std": float(agent.embedding.std.detach().mean()),
+    }
+
+
+def _log_prob(batch: Batch, agent: Agent, chosen: Tensor) -> Tensor:
+    """log pi(a|s, z) at z = mean_t + std_t * epsilon of the embedding as it is now."""
+    skill = batch.skill[chosen]
+    latent = agent.embedding.mean[skill] + agent.embedding.std[skill] * batch.noise[chosen]
+    return gaussian.log_prob(batch.action[chosen], agent.policy(batch.observation[chosen], latent), agent.policy.std)
+
+
+def _update_critics(
+    batch: Batch, agent: Agent, optimizers: Optimizers, training: Training, orders: list[Array]
+) -> dict[str, float]:
+    value_loss = inference_loss = torch.zeros(())
+    for order in orders:
+        for chosen in _minibatches(order, training.minibatch):
+            skill = one_hot(batch.skill[chosen], agent.skills)
+            value = agent.value(batch.observation[chosen], batch.latent[chosen], skill)
+            value_loss = (value - batch.value_target[chosen]).square().mean()
+            _descend(optimizers.value, value_loss, training.max_grad_norm)
+            mean, std = agent.inference(batch.window[chosen])
+            inference_loss = -gaussian.log_prob(batch.latent[chosen], mean, std).mean()
+            _descend(optimizers.inference, inference_loss, training.max_grad_norm)
+    return {"value_loss": float(value_loss.detach()), "inference_loss": float(inference_loss.detach())}

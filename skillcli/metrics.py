@@ -1,0 +1,100 @@
+"""What the reported figures mean, as pure functions over numpy arrays."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from skillcli.trajectories import Array, Trajectories
+
+
+def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[float, float]:
+    """Wilson's score interval of a success rate (Wilson 1927), 95 % by default; (0, 1) without trials."""
+    if trials == 0:
+        return 0.0, 1.0
+    rate = successes / trials
+    scale = 1.0 + z * z / trials
+    centre = (rate + z * z / (2 * trials)) / scale
+    half = z * math.sqrt(rate * (1 - rate) / trials + z * z / (4 * trials * trials)) / scale
+    return max(0.0, centre - half), min(1.0, centre + half)
+
+
+def final_distance(trajectories: Trajectories) -> Array:
+    """Distance of the judged point to the target at the end of each episode, (E,) m; a box is judged in the plane."""
+    episodes = np.arange(trajectories.episodes)
+    end = trajectories.judged[episodes, trajectories.length]
+    gap = end - trajectories.target
+    if trajectories.object_pose is not None:
+        gap = gap[:, :2]
+    distance: Array = np.linalg.norm(gap, axis=1)
+    return distance
+
+
+def pairwise_distance(points: Array) -> Array:
+    """Euclidean distances between all rows, (K, d) to (K, K)."""
+    distance: Array = np.linalg.norm(points[:, None] - points[None], axis=-1)
+    return distance
+
+
+def distance_correlation(latents: Array, goals: Array) -> float | None:
+    """Pearson r of the pairwise distances between latents and between goals; None where it is undefined."""
+    upper = np.triu_indices(len(latents), 1)
+    a, b = pairwise_distance(latents)[upper], pairwise_distance(goals)[upper]
+    if len(a) < 2 or np.ptp(a) < 1e-12 or np.ptp(b) < 1e-12:
+        return None
+    return float(np.corrcoef(a, b)[0, 1])
+
+
+def embedding_efficiency(mean: Array, std: Array) -> float | None:
+    """Summed volume of the one-sigma ellipsoids over the volume of the means' convex hull; lower is better separated.
+
+    None where the hull has no volume: fewer than d + 1 skills, or means in one plane.
+    """
+    skills, size = mean.shape
+    if skills <= size:
+        return None
+    unit_ball = math.pi ** (size / 2) / math.gamma(size / 2 + 1)
+    ellipsoids = float(unit_ball * std.prod(axis=1).sum())
+    if size == 1:
+        hull = float(np.ptp(mean))
+    else:
+        from scipy.spatial import ConvexHull, QhullError  # slow to import, and only needed here
+
+        try:
+            hull = float(ConvexHull(mean).volume)
+        except QhullError:
+            return None
+    return ellipsoids / hull if hull > 0 else None
+
+
+def most_likely_skill(latent: Array, mean: Array, std: Array) -> Array:
+    """The skill whose p(z|t) gives each latent the highest density: (..., d), (K, d), (K, d) to (...,) index."""
+    standard = (latent[..., None, :] - mean) / std
+    log_density = -0.5 * np.square(standard).sum(-1) - np.log(std).sum(-1)
+    skill: Array = log_density.argmax(-1)
+    return skill
+
+
+def ordered_approach(path: Array, waypoints: Array) -> Array:
+    """How close a path comes to waypoints that are due one after the other, (W,) m.
+
+    Each waypoint gets one moment, the moments in the order of the waypoints, so that the sum of distances is smallest
+    (dynamic programming over time): a vertex only counts as approached after the ones before it.
+
+    Args:
+        path: (T, 3) m.
+        waypoints: (W, 3) m.
+    """
+    distance = np.linalg.norm(path[None] - waypoints[:, None], axis=-1)  # (W, T)
+    smallest: Array = np.zeros(len(path))  # sum of distances up to here, with every waypoint so far served
+    moments = []
+    for row in distance:
+        total = smallest + row
+        smallest = np.minimum.accumulate(total)
+        moments.append(np.maximum.accumulate(np.where(total <= smallest, np.arange(len(path)), 0)))
+    moment, closest = len(path) - 1, np.empty(len(waypoints))
+    for w in range(len(waypoints) - 1, -1, -1):
+        moment = int(moments[w][moment])
+        closest[w] = distance[w, moment]
+    return closest

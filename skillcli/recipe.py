@@ -1,0 +1,346 @@
+"""Recipes: everything that determines a run, as frozen, bounded, described values.
+
+A recipe is a TOML file. It may start from another one (`extends = "reach"`) and single values can be replaced on the
+command line (`--set training.iterations=20`). What results is validated here, once, and stored with every artifact.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from skillcli.errors import UsageError
+
+Vector3 = tuple[float, float, float]
+Joints = tuple[float, float, float, float, float, float, float]
+
+
+def value(default: Any, description: str, unit: str = "", **bounds: Any) -> Any:
+    """A recipe field: its default, what it means, its unit, and the bounds it must keep."""
+    return Field(default=default, description=description, json_schema_extra={"unit": unit}, **bounds)
+
+
+class Section(BaseModel):
+    """Frozen and strict: unknown keys, NaN and infinities are refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class SkillSet(Section):
+    """What every task has: goals, one skill each, and their names."""
+
+    goals: tuple[Any, ...]
+    names: tuple[str, ...]
+
+    @model_validator(mode="after")
+    def _one_name_each(self) -> SkillSet:
+        if self.names and (len(self.names) != len(self.goals) or len(set(self.names)) != len(self.names)):
+            raise ValueError(f"{len(self.goals)} goals need as many different names, got {list(self.names)}")
+        if any(not re.fullmatch(r"[A-Za-z0-9_.+=-]{1,32}", name) for name in self.names):
+            raise ValueError("names consist of letters, digits and _ . + = -")
+        return self
+
+
+class PointTask(SkillSet):
+    """A point in the plane that is moved by velocity; one skill per goal."""
+
+    name: Literal["point"] = "point"
+    goals: tuple[tuple[float, float], ...] = value(
+        ((0, 3), (3, 0), (0, -3), (-3, 0)), "where each skill should end", "m", min_length=1
+    )
+    names: tuple[str, ...] = value((), "names of the skills; numbers from 1 where there are none", "")
+    tolerance: float = value(0.1414, "success radius: the diagonal of one step", "m", gt=0)
+    horizon: int = value(50, "control steps in an episode", "steps", ge=2, le=10_000)
+    step_limit: float = value(0.1, "largest move per axis and control step", "m", gt=0)
+    bound: float = value(5.0, "positions are clipped to this on either axis", "m", gt=0)
+
+
+class ReachTask(SkillSet):
+    """The Sawyer's gripper goes to a point in space; one skill per goal."""
+
+    name: Literal["reach"] = "reach"
+    goals: tuple[Vector3, ...] = value(
+        (
+            (0.5, 0.3, 0.15), (0.5, -0.3, 0.15), (0.5, 0.3, 0.3), (0.5, -0.3, 0.3),
+            (0.7, 0.3, 0.15), (0.7, -0.3, 0.15), (0.7, 0.3, 0.3), (0.7, -0.3, 0.3),
+        ),
+        "where the gripper of each skill should end, in the frame of the base", "m", min_length=1,
+    )  # fmt: skip
+    names: tuple[str, ...] = value((), "names of the skills; numbers from 1 where there are none", "")
+    tolerance: float = value(0.05, "success radius", "m", gt=0)
+    horizon: int = value(64, "control steps in an episode", "steps", ge=2, le=10_000)
+    start: Joints = value(
+        (-0.2791, -1.2418, 0.0126, 1.6544, -0.0044, 1.1583, 3.1016),
+        "joint vector at reset: gripper at (.6, 0, .25), pointing down", "rad",
+    )  # fmt: skip
+    action_limit: float = value(0.04, "largest joint increment per control step", "rad", gt=0, le=0.2)
+    control_period: float = value(0.05, "time between two commands", "s", gt=0, le=1)
+    timestep: float = value(0.005, "time step of the physics", "s", gt=0, le=0.02)
+
+    @model_validator(mode="after")
+    def _whole_substeps(self) -> ReachTask:
+        substeps = self.control_period / self.timestep
+        if abs(substeps - round(substeps)) > 1e-6 or round(substeps) < 1:
+            raise ValueError(f"control_period {self.control_period} must be a whole number of timesteps {self.timestep}")
+        return self
+
+
+Task = Annotated[PointTask | ReachTask, Field(discriminator="name")]
+
+
+class Embedding(Section):
+    """The skill embedding p(z|t) and the inference network's view q(z|window)."""
+
+    size: int = value(3, "dimensions of the latent space", "", ge=1, le=64)
+    window: int = value(6, "observations that the inference network sees", "steps", ge=1, le=64)
+    initial_std: float = value(0.3, "standard deviation of p(z|t) at the start", "", gt=0)
+    min_std: float = value(0.05, "lower bound of the standard deviation of p(z|t)", "", gt=0)
+    max_std: float = value(0.5, "upper bound of the standard deviation of p(z|t)", "", gt=0)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Embedding:
+        if not self.min_std < self.initial_std < self.max_std:
+            raise ValueError("min_std < initial_std < max_std must hold")
+        return self
+
+
+class Network(Section):
+    """Sizes of the networks; all of them are tanh multilayer perceptrons."""
+
+    policy_hidden: tuple[int, ...] = value((128, 128), "hidden layers of the policy", "units")
+    value_hidden: tuple[int, ...] = value((128, 128), "hidden layers of the value function", "units")
+    inference_hidden: tuple[int, ...] = value((64, 64), "hidden layers of the inference network", "units")
+    initial_action_std: float = value(0.6, "exploration at the start, in units of the action limit", "", gt=0, le=5)
+
+    @model_validator(mode="after")
+    def _positive(self) -> Network:
+        if any(n < 1 or n > 4096 for n in (*self.policy_hidden, *self.value_hidden, *self.inference_hidden)):
+            raise ValueError("every hidden layer needs between 1 and 4096 units")
+        return self
+
+
+class Training(Section):
+    """TE-PPO: proximal policy optimisation of policy and embedding together."""
+
+    simulations: int = value(256, "simulations side by side", "", ge=1, le=65_536)
+    iterations: int = value(60, "rollouts, each followed by one update", "", ge=1, le=1_000_000)
+    chained_starts: float = value(
+        0.7, "share of episodes that begin where an earlier rollout passed; the others begin at the start", "", ge=0, le=1
+    )
+    discount: float = value(0.99, "gamma", "1/step", ge=0, le=1)
+    gae_lambda: float = value(0.95, "lambda of generalised advantage estimation", "", ge=0, le=1)
+    epochs: int = value(5, "passes over each rollout", "", ge=1, le=100)
+    minibatch: int = value(4096, "samples per gradient step", "samples", ge=1)
+    clip: float = value(0.2, "clipping range of the policy ratio", "", gt=0, lt=1)
+    learning_rate: float = value(1e-3, "step size at the start, and of value and inference", "", gt=0, le=1)
+    target_kl: float = value(0.01, "the policy's step size is adapted to this KL divergence per update", "nat", gt=0)
+    max_grad_norm: float = value(0.5, "gradients are clipped to this norm", "", gt=0)
+    reward_scale: float = value(5.0, "factor on the task's reward", "", gt=0)
+    value_scale: float = value(10.0, "value targets are divided by this", "", gt=0)
+    embedding_entropy: float = value(0.002, "alpha_1: weight of H{p(z|t)}", "", ge=0)
+    inference_reward: float = value(0.02, "alpha_2: weight of log q(z|window) in the reward", "", ge=0)
+    inference_clip: float = value(6.0, "log q(z|window) is clipped to plus and minus this", "nat", gt=0)
+    policy_entropy: float = value(0.001, "alpha_3: weight of H{pi(a|s,z)}", "", ge=0)
+
+
+class Evaluation(Section):
+    """How skills are judged, always with deterministic actions on the nominal robot."""
+
+    latents: int = value(100, "latents drawn from p(z|t) per skill", "", ge=1, le=100_000)
+    stored: int = value(8, "of these, how many episodes per skill are kept as trajectories", "", ge=0, le=1000)
+
+
+class Search(Section):
+    """Uniform cost search over latents."""
+
+    segments: tuple[float, ...] = value((0.25,), "how long one latent may be held", "s", min_length=1)
+    interpolated: bool = value(False, "offer the half-way latents of all pairs of skills beside the means")
+    resolution: float = value(0.02, "two states closer than this count as one", "m", gt=0)
+    goal_tolerance: float = value(0.02, "a waypoint counts as met within this; the task's tolerance is the judge", "m", gt=0)
+    max_speed: float = value(
+        2.0, "no faster motion is thought possible; gives the admissible heuristic, 0 for none", "m/s", ge=0
+    )
+    weight: float = value(
+        1.0, "weight of the heuristic: 0 uniform cost, 1 A*, above 1 a plan at most that many times as long", "", ge=0
+    )
+    final_speed: float = value(0.0, "the last goal counts as met only at or below this speed; 0 for any", "m/s", ge=0)
+    batch: int = value(32, "nodes that are expanded at once", "nodes", ge=1, le=4096)
+    budget: int = value(5_000, "expanded nodes after which the best plan so far is taken", "nodes", ge=1)
+
+    @model_validator(mode="after")
+    def _positive(self) -> Search:
+        if any(not 0 < s <= 60 for s in self.segments):
+            raise ValueError("every segment must last between 0 and 60 seconds")
+        return self
+
+
+class Compose(Section):
+    """What a composition is asked for when the command line does not say."""
+
+    task: str = value("", "a named composition task, empty for none", "")
+    goals: tuple[Vector3, ...] = value((), "goals in order, where no named task is given", "m")
+
+
+class Transfer(Section):
+    """How a composition is judged on other robots."""
+
+    domains: tuple[str, ...] = value(("nominal", "mild", "real-like"), "target domains", "", min_length=1)
+    episodes: int = value(50, "episodes per domain", "", ge=1, le=100_000)
+
+
+class Recipe(Section):
+    """A whole experiment, from training to transfer."""
+
+    name: str = value(..., "the recipe's name", "", pattern=r"^[a-z0-9][a-z0-9-]{0,63}$")
+    description: str = value("", "what this recipe is for, in one line", "")
+    task: Task = value(..., "what the skills are for", "")
+    embedding: Embedding = Embedding()
+    network: Network = Network()
+    training: Training = Training()
+    evaluation: Evaluation = Evaluation()
+    search: Search = Search()
+    compose: Compose = Compose()
+    transfer: Transfer = Transfer()
+
+    def fingerprint(self, sections: Iterable[str] = ()) -> str:
+        """SHA-256 over the resolved values, of the named sections only where some are named."""
+        content = self.model_dump(mode="json", include=set(sections) or None)
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def recipe_folder() -> Path:
+    """Where the shipped recipes lie: inside an installed package, beside it in a checkout."""
+    inside = Path(__file__).parent / "recipes"
+    return inside if inside.is_dir() else Path(__file__).parent.parent / "recipes"
+
+
+def recipe_names() -> list[str]:
+    """Names of the shipped recipes, sorted."""
+    return sorted(path.stem for path in recipe_folder().glob("*.toml"))
+
+
+def load_recipe(name: str, overrides: Iterable[str] = ()) -> Recipe:
+    """Read a shipped recipe by name, or any TOML file by path, and apply `key=value` overrides.
+
+    Raises:
+        UsageError: unknown recipe, unreadable TOML, unknown key, or a value out of bounds.
+    """
+    content = _read(name, seen=())
+    return resolve(content, overrides)
+
+
+def resolve(content: Mapping[str, Any], overrides: Iterable[str] = ()) -> Recipe:
+    """Validate a recipe's content after applying `a.b=value` overrides.
+
+    Raises:
+        UsageError: a key that does not exist or a value that is out of bounds.
+    """
+    merged: dict[str, Any] = json.loads(json.dumps(content))
+    for override in overrides:
+        merged = _merge(merged, _override(override))
+    try:
+        return Recipe.model_validate(merged)
+    except ValidationError as error:
+        raise UsageError(*_explain(error)) from error
+
+
+def describe(recipe: Recipe) -> list[tuple[str, Any, str, str]]:
+    """Every value of a recipe as (key, value, unit, description), in reading order."""
+    rows: list[tuple[str, Any, str, str]] = []
+    for key, field in type(recipe).model_fields.items():
+        item = getattr(recipe, key)
+        if isinstance(item, Section):
+            rows += [
+                (f"{key}.{sub}", getattr(item, sub), _unit(info), info.description or "")
+                for sub, info in type(item).model_fields.items()
+            ]
+        else:
+            rows.append((key, item, _unit(field), field.description or ""))
+    return rows
+
+
+def _unit(field: Any) -> str:
+    extra = field.json_schema_extra
+    return str(extra.get("unit", "")) if isinstance(extra, dict) else ""
+
+
+def _read(name: str, seen: tuple[str, ...]) -> dict[str, Any]:
+    path = Path(name) if name.endswith(".toml") else recipe_folder() / f"{name}.toml"
+    if name in seen:
+        raise UsageError(f"recipe {name!r} extends itself: {' -> '.join((*seen, name))}", "remove one `extends`")
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
+        known = ", ".join(recipe_names())
+        raise UsageError(f"no recipe {name!r}", f"shipped recipes: {known}; or give the path of a .toml file") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError, ValueError) as error:
+        raise UsageError(f"recipe {name!r} cannot be read: {error}", "a recipe is a TOML file") from error
+    base = content.pop("extends", None)
+    if base is None:
+        return content
+    if not isinstance(base, str):
+        raise UsageError(f"recipe {name!r}: extends must be the name of a recipe, got {base!r}", 'extends = "reach"')
+    return _merge(_read(base, (*seen, name)), content)
+
+
+def _merge(base: dict[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
+    merged = dict(base)
+    for key, item in change.items():
+        old = merged.get(key)
+        same_kind = isinstance(item, Mapping) and isinstance(old, dict) and item.get("name", old.get("name")) == old.get("name")
+        merged[key] = _merge(old, item) if same_kind and isinstance(old, dict) else item
+    return merged
+
+
+def _override(text: str) -> dict[str, Any]:
+    key, equals, raw = text.partition("=")
+    parts = key.strip().split(".")
+    if not equals or not all(parts):
+        raise UsageError(f"--set {text!r}: expected key=value", "for example --set training.iterations=20")
+    item: Any
+    try:
+        item = tomllib.loads(f"item = {raw}")["item"]
+    except tomllib.TOMLDecodeError:
+        item = raw.strip()  # a bare word is a string: --set compose.task=triangle
+    for part in reversed(parts):
+        item = {part: item}
+    return dict(item)
+
+
+def _explain(error: ValidationError) -> tuple[str, str]:
+    """One line and a hint out of pydantic's report, for its first complaint."""
+    first = error.errors()[0]
+    where = [str(part) for part in first["loc"] if str(part) not in ("point", "reach")]
+    key = ".".join(where) or "recipe"
+    if first["type"] == "extra_forbidden":
+        known = ", ".join(_known_keys(where[:-1]))
+        return f"unknown recipe key {key!r}", f"keys here: {known}" if known else "see `skill recipes show NAME`"
+    if first["type"] == "missing":
+        return f"recipe key {key!r} is missing", "see `skill recipes show NAME`"
+    got = first.get("input")
+    shown = "" if isinstance(got, dict | list) or got is None else f", got {got!r}"
+    return f"recipe key {key!r}: {first['msg']}{shown}", "see `skill recipes show NAME` for units and meaning"
+
+
+def _known_keys(where: list[str]) -> list[str]:
+    model: Any = Recipe
+    for part in where:
+        field = model.model_fields.get(part) if hasattr(model, "model_fields") else None
+        if field is None:
+            return []
+        options = get_args(field.annotation)
+        model = options[0] if options else field.annotation
+    return sorted(getattr(model, "model_fields", {}))
+
+
+def is_finite(numbers: Iterable[float]) -> bool:
+    """Whether every number is finite."""
+    return all(math.isfinite(number) for number in numbers)

@@ -1,0 +1,1 @@
+"""The stages: each reads artifacts, works, and writes one artifact. They meet in the store and never call each other."""

@@ -1,0 +1,61 @@
+"""The whole chain of a recipe, from training to pictures; what is finished and unchanged is used again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from skillcli.recipe import Recipe
+from skillcli.stages import compose as composing
+from skillcli.stages import embed_means as embedding
+from skillcli.stages import pretrain as training
+from skillcli.stages import transfer_eval as transferring
+from skillcli.stages.progress import Report, silent
+from skillcli.store import Artifact, Store
+
+
+@dataclass(frozen=True)
+class Link:
+    """One stage of a chain, done."""
+
+    artifact: Artifact
+    reused: bool
+
+
+def run_chain(
+    store: Store, recipe: Recipe, seed: int, name: str, command: str, report: Report = silent
+) -> Iterator[Link]:
+    """Pretrain, embed-means, compose and transfer-eval as the recipe says, each yielded when it is there.
+
+    Raises:
+        SkillError: any of them fails; those before it stay.
+    """
+    found = store.find("pretrain", training.inputs_of(recipe, seed), name)
+    skills = (
+        store.read(found)
+        if found
+        else training.pretrain(store, recipe, seed, name, command, resume=True, report=report)
+    )
+    yield Link(skills, found is not None)
+
+    found = store.find("embed-means", embedding.inputs_of(skills), name)
+    means = store.read(found) if found else embedding.embed_means(store, skills.id, command)
+    yield Link(means, found is not None)
+
+    request = composing.Request.of(recipe, "", ())
+    found = store.find("compose", composing.inputs_of(means, recipe, request, "search"), name)
+    plan = (
+        store.read(found)
+        if found
+        else composing.compose(store, means.id, recipe, request, "search", command, report=report)
+    )
+    yield Link(plan, found is not None)
+
+    domains, episodes = recipe.transfer.domains, recipe.transfer.episodes
+    found = store.find("transfer-eval", transferring.inputs_of(plan, domains, episodes, seed), name)
+    transfer = (
+        store.read(found)
+        if found
+        else transferring.transfer_eval(store, plan.id, recipe, domains, episodes, seed, command, report=report)
+    )
+    yield Link(transfer, found is not None)

@@ -1,0 +1,195 @@
+"""Stage 2: compose frozen skills in the latent space into a task that was never trained."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from skillcli import metrics
+from skillcli.composition.latent_environment import LatentEnvironment
+from skillcli.composition.plan import Choices, Segment, schedule
+from skillcli.composition.search import Settings, UniformCostSearch, search
+from skillcli.envs.tasks import check_goal, make, model_fingerprint, named_waypoints
+from skillcli.errors import UsageError
+from skillcli.learning.playback import play_waypoints
+from skillcli.recipe import Recipe
+from skillcli.stages.library import Library, fingerprint, open_library
+from skillcli.stages.progress import Progress, Report, silent
+from skillcli.store import Artifact, ArtifactId, Draft, Store
+from skillcli.trajectories import Array, Trajectories
+
+METHODS = ("search",)
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is asked of a composition: a named task, or goals in order."""
+
+    task: str  # "" where goals are given
+    waypoints: Array  # (W, 3) m
+
+    @staticmethod
+    def of(recipe: Recipe, task: str, goals: Sequence[Sequence[float]]) -> Request:
+        """Named task or goals; where neither is given, what the recipe asks for.
+
+        Raises:
+            UsageError: both, none, an unknown name, or a goal that cannot be reached.
+        """
+        if task and goals:
+            raise UsageError("a composition takes --task or --goal, not both", "leave one of them out")
+        if not task and not goals:
+            task, goals = recipe.compose.task, recipe.compose.goals
+        if not task and not goals:
+            raise UsageError("nothing to compose: neither --task nor --goal is given", "for example --goal 0.6,0.0,0.2")
+        waypoints = named_waypoints(recipe.task, task) if task else np.array([_three(goal) for goal in goals], dtype=float)
+        for goal in waypoints:
+            check_goal(recipe.task, goal)
+        return Request(task, waypoints)
+
+
+def _three(goal: Sequence[float]) -> list[float]:
+    if len(goal) not in (2, 3):
+        raise UsageError(f"a goal has two or three numbers, got {len(goal)}", "for example --goal 0.6,0.0,0.2")
+    return [*goal, 0.0][:3] if len(goal) == 2 else list(goal)
+
+
+def inputs_of(source: Artifact, recipe: Recipe, request: Request, method: str) -> str:
+    """Fingerprint of everything that the result depends on."""
+    return fingerprint(
+        "compose", [source.content_sha256, method, recipe.fingerprint(["search"]), request.task, request.waypoints]
+    )
+
+
+def compose(
+    store: Store,
+    source_id: ArtifactId,
+    recipe: Recipe,
+    request: Request,
+    method: str,
+    command: str,
+    name: str | None = None,
+    report: Report = silent,
+) -> Artifact:
+    """Plan latents that meet the waypoints, execute the plan in the source, and write a compose artifact.
+
+    Args:
+        store: where from and to.
+        source_id: an embed-means or pretrain artifact.
+        recipe: how to plan; the skills come from the source.
+        request: what to meet.
+        method: one of `METHODS`.
+        command: as typed, for the record.
+        name: first part of the new id; by default that of the source.
+        report: told where the planning stands.
+
+    Raises:
+        UsageError: the method is unknown.
+        StoreError: the source cannot be read, or the store refuses.
+    """
+    if method not in METHODS:
+        raise UsageError(f"no method {method!r}", f"methods: {', '.join(METHODS)}")
+    store.check_writable(name or source_id.name)
+    source = store.read(source_id)
+    library = open_library(store, source)
+    started = time.perf_counter()
+    plan, effort = _search(library, recipe, request.waypoints, report)
+    planning_seconds = time.perf_counter() - started
+    recording = execute(library, plan, request.waypoints)
+    closest = metrics.ordered_approach(recording.judged[0], request.waypoints)
+    return store.write(
+        Draft(
+            kind="compose",
+            name=name or source_id.name,
+            seed=source.seed,
+            command=command,
+            recipe=recipe.model_dump(mode="json"),
+            arrays={
+                "plan/latent": np.array([segment.latent for segment in plan]),
+                "plan/seconds": np.array([segment.steps * recipe.task.control_period for segment in plan]),
+                "plan/skill": np.array([segment.skill for segment in plan]),
+                "waypoints/target": request.waypoints,
+                "waypoints/closest": closest,
+                **{f"trajectories/{field}": array for field, array in recording.arrays().items()},
+            },
+            results=_results(recipe, request, method, plan, effort, recording, closest),
+            measured={"planning_seconds": planning_seconds},
+            parents=[source_id],
+            model_sha256=model_fingerprint(recipe.task),
+            inputs_sha256=inputs_of(source, recipe, request, method),
+        )
+    )
+
+
+def execute(library: Library, plan: list[Segment], waypoints: Array) -> Trajectories:
+    """Run a plan from the start in one nominal simulation."""
+    env = make(library.recipe.task, 1)
+    env.reset(np.array([0]), np.array([0]))
+    latent, skill = schedule(plan)
+    return play_waypoints(env, library.agent.act, latent[None], skill[None], waypoints)
+
+
+def _search(library: Library, recipe: Recipe, waypoints: Array, report: Report) -> tuple[list[Segment], dict[str, Any]]:
+    settings, period = recipe.search, recipe.task.control_period
+    choices = Choices.of(library.mean, settings.interpolated)
+    env = make(recipe.task, settings.batch * len(choices.latent))
+    env.reset(np.arange(env.num), np.zeros(env.num, dtype=np.int64))
+    world = LatentEnvironment(env, library.agent.act)
+    planner = UniformCostSearch(
+        *world.start(),
+        waypoints,
+        choices,
+        Settings(
+            durations=tuple(sorted({max(1, round(seconds / period)) for seconds in settings.segments})),
+            tolerance=min(settings.goal_tolerance, recipe.task.tolerance),
+            resolution=settings.resolution,
+            step_seconds=period,
+            weight=settings.weight,
+            max_speed=settings.max_speed,
+            final_speed=settings.final_speed or float("inf"),
+            budget=settings.budget,
+        ),
+    )
+
+    def tell(expanded: int, due: int) -> None:
+        report(Progress("compose", expanded, settings.budget, "nodes", note=f"{due} of {len(waypoints)} waypoints met"))
+
+    node = search(planner, world, settings.batch, tell)
+    plan = planner.plan(node)
+    if not plan:  # already there, or nowhere to go: hold the first skill for the shortest time
+        plan = [Segment(choices.latent[0], 0, choices.label[0], planner.settings.durations[0])]
+    return plan, {
+        "expanded_nodes": planner.expanded,
+        "simulated_robot_seconds": world.control_steps * period,
+        "plan_seconds": sum(segment.steps for segment in plan) * period,
+    }
+
+
+def _results(
+    recipe: Recipe,
+    request: Request,
+    method: str,
+    plan: list[Segment],
+    effort: dict[str, Any],
+    recording: Trajectories,
+    closest: Array,
+) -> dict[str, Any]:
+    period = recipe.task.control_period
+    return {
+        "method": method,
+        "task": request.task or "goals",
+        "success": bool(recording.success[0]),
+        **effort,
+        "segments": [
+            {"skill": segment.label, "latent": segment.latent.tolist(), "seconds": segment.steps * period}
+            for segment in plan
+        ],
+        "waypoints": [
+            {"target": target.tolist(), "closest_m": float(near)}
+            for target, near in zip(request.waypoints, closest, strict=True)
+        ],
+        "final_distance_m": float(metrics.final_distance(recording)[0]),
+    }

@@ -1,0 +1,81 @@
+"""A skill library out of the store: the frozen agent, its recipe and its mean latents."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from skillcli.errors import StoreError
+from skillcli.learning.agent import Agent
+from skillcli.recipe import Recipe, resolve
+from skillcli.store import Artifact, ArtifactId, Store
+from skillcli.trajectories import Array
+
+TRAINED = ("task", "embedding", "network", "training", "evaluation")  # recipe sections that a training depends on
+
+
+@dataclass(frozen=True)
+class Library:
+    """Frozen skills."""
+
+    source: Artifact  # the pretrain artifact
+    recipe: Recipe
+    agent: Agent
+    mean: Array  # (K, d)
+    std: Array  # (K, d)
+    goals: Array  # (K, 3) m
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the skills, as in the recipe."""
+        return skill_names(self.recipe)
+
+
+def skill_names(recipe: Recipe) -> tuple[str, ...]:
+    """Names of the recipe's skills: counted from one, as the paper does, where the recipe names none."""
+    return recipe.task.names or tuple(str(k + 1) for k in range(len(recipe.task.goals)))
+
+
+def open_library(store: Store, artifact: Artifact) -> Library:
+    """The library that an artifact holds, or was made from.
+
+    Raises:
+        StoreError: there is no pretrain artifact among its ancestors.
+    """
+    source = artifact if artifact.kind == "pretrain" else store.read(ancestor(store, artifact.id, "pretrain"))
+    recipe = resolve(source.recipe)
+    weights = source.group("weights")
+    observation = weights["normalizer.mean"].shape[0]
+    action = weights["policy.log_std"].shape[0]
+    agent = Agent(recipe, observation, action, len(source.arrays["skills/goal"]))
+    agent.load(weights)
+    arrays = source.arrays
+    return Library(source, recipe, agent, arrays["embedding/mean"], arrays["embedding/std"], arrays["skills/goal"])
+
+
+def ancestor(store: Store, artifact_id: ArtifactId, kind: str) -> ArtifactId:
+    """The nearest ancestor of a kind.
+
+    Raises:
+        StoreError: there is none.
+    """
+    for candidate in store.lineage(artifact_id):
+        if candidate.stage == kind:
+            return candidate
+    raise StoreError(f"{artifact_id} has no {kind} among its ancestors", f"`skill show {artifact_id}` lists them")
+
+
+def fingerprint(stage: str, parts: Iterable[Any]) -> str:
+    """SHA-256 over everything that determines a stage's result, to recognise finished work."""
+    return hashlib.sha256(json.dumps([stage, *parts], sort_keys=True, default=_plain).encode()).hexdigest()
+
+
+def _plain(item: Any) -> Any:
+    if isinstance(item, np.ndarray):
+        return item.tolist()
+    raise TypeError(f"cannot fingerprint {type(item).__name__}")

@@ -1,0 +1,239 @@
+"""Stage 1: train policy and skill embedding together, judge every skill, and keep all of it."""
+
+from __future__ import annotations
+
+import resource
+import sys
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from skillcli import metrics
+from skillcli.envs.environment import Environment
+from skillcli.envs.tasks import make, model_fingerprint
+from skillcli.envs.throughput import BareEngine
+from skillcli.errors import Interrupted
+from skillcli.learning.agent import Agent
+from skillcli.learning.learner import Learner
+from skillcli.learning.playback import play
+from skillcli.recipe import Recipe
+from skillcli.seeding import generator
+from skillcli.stages.library import TRAINED, fingerprint, skill_names
+from skillcli.stages.progress import Progress, Report, StopRequest, silent, stoppable
+from skillcli.store import Artifact, Draft, Store, load_checkpoint, remove_checkpoint, save_checkpoint
+from skillcli.trajectories import Array, Trajectories
+
+CHECKPOINT_SECONDS = 30.0
+BARE_MEASUREMENTS = 12  # of the bare engine, spread over the run
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What the skills are worth: row 0 of the samples is the mean latent, the others are drawn from p(z|t)."""
+
+    latent: Array  # (K, 1+M, d)
+    final_distance: Array  # (K, 1+M) m
+    success: Array  # (K, 1+M) bool
+    inferred: Array  # (K, 1+M, d), mean of q(z|window) at the end
+    trajectories: Trajectories  # the first 1 + `stored` episodes of each skill
+
+
+def inputs_of(recipe: Recipe, seed: int) -> str:
+    """Fingerprint of everything that a training depends on."""
+    return fingerprint("pretrain", [recipe.fingerprint(TRAINED), seed, model_fingerprint(recipe.task)])
+
+
+def pretrain(
+    store: Store,
+    recipe: Recipe,
+    seed: int,
+    name: str,
+    command: str,
+    resume: bool = False,
+    threads: int = 0,
+    report: Report = silent,
+) -> Artifact:
+    """Train the skills of a recipe and write a pretrain artifact.
+
+    Args:
+        store: where to.
+        recipe: what to train.
+        seed: of everything random.
+        name: first part of the new id.
+        command: as typed, for the record.
+        resume: go on from the checkpoint of the same recipe, seed and name; without one, start anew.
+        threads: of the engine, 0 for all cores; the result does not depend on it.
+        report: told where the training stands.
+
+    Raises:
+        Interrupted: Ctrl-C; a checkpoint was kept.
+        SkillError: training came apart, or the store refuses.
+    """
+    store.check_writable(name)
+    env = make(recipe.task, recipe.training.simulations, threads)
+    learner = Learner(env, recipe, seed)
+    checkpoint = store.checkpoint_path(name, "pretrain", inputs_of(recipe, seed))
+    spent = 0.0
+    if resume and checkpoint.exists():
+        arrays, state = load_checkpoint(checkpoint)
+        learner.load(arrays, state)
+        spent = state["wall_seconds"]
+    bare = BareEngine(env)
+    started = time.perf_counter()
+
+    def save() -> None:
+        arrays, state = learner.state()
+        state["wall_seconds"] = spent + time.perf_counter() - started - bare.seconds
+        save_checkpoint(checkpoint, arrays, state)
+
+    with stoppable() as stop:
+        _train(learner, bare, recipe, report, save, stop, command)
+    wall = spent + time.perf_counter() - started - bare.seconds  # whole training, without the yardstick itself
+    evaluation = evaluate(recipe, learner.agent, seed, threads)
+    artifact = store.write(_draft(recipe, seed, name, command, learner, evaluation, bare.rate, wall))
+    remove_checkpoint(checkpoint)
+    return artifact
+
+
+def _train(
+    learner: Learner, bare: BareEngine, recipe: Recipe, report: Report, save: Any, stop: StopRequest, command: str
+) -> None:
+    names, total = skill_names(recipe), recipe.training.iterations
+    every = max(1, total // BARE_MEASUREMENTS)
+    saved = began = time.perf_counter()
+    first_step = learner.env_steps
+    while not learner.finished:
+        point = learner.iterate()
+        if learner.iteration % every == 1 or every == 1:
+            bare.measure()
+        seconds = time.perf_counter() - began - bare.seconds
+        success = {name: point[f"success/{k + 1}"] for k, name in enumerate(names)}
+        rate = (learner.env_steps - first_step) / seconds
+        note = f"final distance {point['final_distance']:.3f} m"
+        report(Progress("pretrain", learner.iteration, total, "iterations", rate, success, note))
+        if stop.requested and not learner.finished:
+            save()
+            resumed = command if "--resume" in command else f"{command} --resume"
+            raise Interrupted(
+                f"stopped after iteration {learner.iteration} of {total}; the state is saved", f"go on with: {resumed}"
+            )
+        if time.perf_counter() - saved > CHECKPOINT_SECONDS:
+            save()
+            saved = time.perf_counter()
+
+
+def evaluate(recipe: Recipe, agent: Agent, seed: int, threads: int = 0) -> Evaluation:
+    """Play the mean latent and sampled latents of every skill, deterministic, on the nominal robot."""
+    samples = 1 + recipe.evaluation.latents
+    mean, std = agent.embed()
+    skills = len(mean)
+    noise = generator(seed, "evaluation").standard_normal((skills, samples, mean.shape[1]))
+    noise[:, 0] = 0.0
+    latent = mean[:, None] + std[:, None] * noise
+    skill = np.repeat(np.arange(skills), samples)
+    env = make(recipe.task, skills * samples, threads)
+    fed = np.where(np.arange(skills * samples) % samples == 0, skill, -1)  # -1: not the mean of any skill
+    recording, observation = play_held(env, agent, latent.reshape(-1, mean.shape[1]), skill, fed)
+    kept = [k * samples + m for k in range(skills) for m in range(min(samples, 1 + recipe.evaluation.stored))]
+    shape = (skills, samples)
+    return Evaluation(
+        latent=latent,
+        final_distance=metrics.final_distance(recording).reshape(shape),
+        success=recording.success.reshape(shape),
+        inferred=agent.infer(observation[:, -agent.window :]).reshape(*shape, -1),
+        trajectories=recording.select(kept),
+    )
+
+
+def play_held(env: Environment, agent: Agent, latent: Array, skill: Array, fed: Array) -> tuple[Trajectories, Array]:
+    """Reset all simulations, each to the goal of its skill (N,), and hold one latent (N, d) in each to the end."""
+    env.reset(np.arange(env.num), skill)
+    held = np.repeat(latent[:, None], env.horizon, axis=1)
+    return play(env, agent.act, held, np.repeat(fed[:, None], env.horizon, axis=1))
+
+
+def _draft(
+    recipe: Recipe,
+    seed: int,
+    name: str,
+    command: str,
+    learner: Learner,
+    evaluation: Evaluation,
+    bare_rate: float | None,
+    wall: float,
+) -> Draft:
+    mean, std = learner.agent.embed()
+    goals = learner.env.goals
+    curves = {f"curves/{curve}": np.array(values) for curve, values in learner.curves.items()}
+    for k, skill in enumerate(skill_names(recipe)):  # under the skill's name, as figures look them up
+        curves[f"curves/success/{skill}"] = curves.pop(f"curves/success/{k + 1}")
+    return Draft(
+        kind="pretrain",
+        name=name,
+        seed=seed,
+        command=command,
+        recipe=recipe.model_dump(mode="json"),
+        arrays={
+            **{f"weights/{path}": array for path, array in learner.agent.arrays().items()},
+            **curves,
+            "embedding/mean": mean,
+            "embedding/std": std,
+            "skills/goal": goals,
+            "evaluation/latent": evaluation.latent,
+            "evaluation/final_distance": evaluation.final_distance,
+            "evaluation/inferred": evaluation.inferred,
+            **{f"trajectories/{field}": array for field, array in evaluation.trajectories.arrays().items()},
+        },
+        results=_results(recipe, learner, evaluation),
+        measured={
+            "wall_seconds": wall,
+            "peak_memory_mb": peak_memory_mb(),
+            "throughput": _throughput(learner, bare_rate, wall),
+        },
+        model_sha256=model_fingerprint(recipe.task),
+        inputs_sha256=inputs_of(recipe, seed),
+    )
+
+
+def _results(recipe: Recipe, learner: Learner, evaluation: Evaluation) -> dict[str, Any]:
+    mean, std = learner.agent.embed()
+    goals, drawn = learner.env.goals, evaluation.success[:, 1:]
+    recognised = metrics.most_likely_skill(evaluation.inferred[:, 1:], mean, std) == np.arange(len(mean))[:, None]
+    return {
+        "env_steps": learner.env_steps,
+        "success_rate": float(drawn.mean()),
+        "skills": [
+            {
+                "name": name,
+                "goal": goals[k].tolist(),
+                "final_distance_m": float(evaluation.final_distance[k, 0]),
+                "success_rate": float(drawn[k].mean()),
+            }
+            for k, name in enumerate(skill_names(recipe))
+        ],
+        "embedding": {
+            "inference_accuracy": float(recognised.mean()),
+            "latent_goal_correlation": metrics.distance_correlation(mean, goals),
+            "efficiency": metrics.embedding_efficiency(mean, std),
+        },
+    }
+
+
+def _throughput(learner: Learner, bare_rate: float | None, wall: float) -> dict[str, float | None]:
+    sampling = learner.env_steps / learner.sampling_seconds
+    training = learner.env_steps / wall
+    return {
+        "env_steps_per_second": training,
+        "sampling_env_steps_per_second": sampling,
+        "physics_limit_env_steps_per_second": bare_rate,
+        "sampling_ratio": sampling / bare_rate if bare_rate else None,
+        "training_ratio": training / bare_rate if bare_rate else None,
+    }
+
+
+def peak_memory_mb() -> float:
+    """Largest resident size of this process so far, in 10^6 bytes."""
+    unit = 1 if sys.platform == "darwin" else 1024  # macOS counts bytes, Linux kilobytes
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6

@@ -1,0 +1,78 @@
+"""An artifact made visible: what the figures and the viewer need, read from the store."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from skillcli.envs.tasks import model_of
+from skillcli.stages.library import open_library
+from skillcli.store import Artifact, ArtifactId, Store
+from skillcli.trajectories import Array, Trajectories
+from skillcli.viz.scene import Scene
+
+
+def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
+    """Everything there is to draw of an artifact.
+
+    Raises:
+        StoreError: it, or the skills it was made from, cannot be read.
+    """
+    artifact = store.read(artifact_id)
+    library = open_library(store, artifact)
+    recording = Trajectories(**artifact.group("trajectories"))
+    task = library.recipe.task
+    return Scene(
+        title=str(artifact.id),
+        kind=artifact.kind,
+        task=task.name,
+        provenance=artifact.provenance(),
+        trajectories=recording,
+        model=model_of(task),
+        skills=library.names,
+        goals=library.goals,
+        waypoints=_waypoints(store, artifact),
+        tolerance=task.tolerance,
+        means=library.mean,
+        stds=library.std,
+        curves=artifact.group("curves"),
+        episode_labels=_labels(artifact, library.names, recording),
+        intervals={
+            domain["name"]: (domain["success_rate"], *domain["ci95"]) for domain in artifact.results.get("domains", [])
+        },
+    )
+
+
+def record(store: Store, artifact_id: ArtifactId, path: Path) -> list[str]:
+    """Write a rerun recording of an artifact; returns its entities."""
+    from skillcli.viz.recording import record as write  # rerun is slow to import
+
+    return write(scene_of(store, artifact_id), path)
+
+
+def draw(store: Store, artifact_id: ArtifactId, path: Path) -> None:
+    """Write a figure of an artifact, as PNG, PDF or SVG by the suffix."""
+    from skillcli.viz.figures import figure  # matplotlib is slow to import
+
+    figure(scene_of(store, artifact_id), path)
+
+
+def _waypoints(store: Store, artifact: Artifact) -> Array:
+    for candidate in (artifact.id, *store.lineage(artifact.id)):
+        if candidate.stage == "compose":
+            waypoints: Array = store.read(candidate).arrays["waypoints/target"]
+            return waypoints
+    return np.zeros((0, 3))
+
+
+def _labels(artifact: Artifact, skills: tuple[str, ...], recording: Trajectories) -> tuple[str, ...]:
+    if artifact.kind == "transfer-eval":
+        names = [domain["name"] for domain in artifact.results["domains"]]
+        index = artifact.arrays["episodes/domain"]
+        each = len(index) // len(names)
+        return tuple(f"{names[d]} {e % each}" for e, d in enumerate(index))
+    if artifact.kind == "compose":
+        return (f"{artifact.results['method']} {artifact.results['task']}",)
+    each = recording.episodes // len(skills)
+    return tuple(f"skill {skills[e // each]}" + (f", latent {e % each}" if e % each else "") for e in range(recording.episodes))

@@ -1,0 +1,127 @@
+"""What a stage hands to the store, and what it gets back."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skillcli.store.ids import ArtifactId
+from skillcli.store.text import canonical
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Draft:
+    """A finished result that has no id yet."""
+
+    kind: str
+    name: str  # first part of the id
+    seed: int
+    command: str  # as typed
+    recipe: Mapping[str, Any]  # resolved; has a "name"
+    arrays: Mapping[str, Array]  # by path, see schema.py
+    results: Mapping[str, Any]  # what was found out: part of the content hash; NaN is stored as null
+    measured: Mapping[str, Any]  # what differs from run to run, such as seconds and rates: not hashed
+    parents: Sequence[ArtifactId] = ()
+    model_sha256: str = ""
+    inputs_sha256: str = ""  # fingerprint of everything that determines the result, to recognise finished work
+
+
+@dataclass(frozen=True)
+class Parent:
+    """An artifact that another was made from, as it was then."""
+
+    id: ArtifactId
+    content_sha256: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Header:
+    """What is known of an artifact without opening it."""
+
+    id: ArtifactId
+    schema_version: int
+    created_utc: str  # ISO 8601 with microseconds, sorts by time
+    seed: int
+    recipe_name: str
+    parents: tuple[Parent, ...]
+    content_sha256: str
+    inputs_sha256: str
+    bytes: int  # size of the file
+
+    @property
+    def kind(self) -> str:
+        """What it is: the stage it came from."""
+        return self.id.stage
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Artifact(Header):
+    """One artifact, wholly in memory."""
+
+    command: str
+    recipe: Mapping[str, Any]
+    recipe_sha256: str
+    model_sha256: str
+    git_commit: str
+    git_dirty: bool
+    packages: Mapping[str, str]
+    results: Mapping[str, Any]
+    measured: Mapping[str, Any]
+    arrays: Mapping[str, Array] = field(repr=False)
+
+    def group(self, prefix: str) -> dict[str, Array]:
+        """The arrays below `prefix`, by the rest of their path: `group("trajectories")["time"]`."""
+        start = prefix.rstrip("/") + "/"
+        return {path.removeprefix(start): array for path, array in self.arrays.items() if path.startswith(start)}
+
+    def provenance(self) -> str:
+        """Where it comes from, as markdown."""
+        lines = [
+            f"# {self.id}",
+            "",
+            f"`{self.command}`",
+            "",
+            f"- recipe **{self.recipe_name}**, seed **{self.seed}**",
+            f"- made {self.created_utc[:19]} UTC",
+            f"- content `{self.content_sha256[:16]}`",
+            f"- git `{self.git_commit[:12] or 'unknown'}`{' with changes' if self.git_dirty else ''}",
+            *(f"- made from **{parent.id}** `{parent.content_sha256[:16]}`" for parent in self.parents),
+            "",
+            "| package | version |",
+            "|---|---|",
+            *(f"| {package} | {version} |" for package, version in sorted(self.packages.items())),
+        ]
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class Unreadable:
+    """A file that lies where an artifact should, but is not a whole one."""
+
+    id: ArtifactId
+    problem: str
+
+
+def content_hash(artifact: Artifact) -> str:
+    """SHA-256 over data and meaning: equal for equal runs, whatever their names, times, machines and speeds."""
+    meaning = {
+        "kind": artifact.kind,
+        "schema_version": artifact.schema_version,
+        "seed": artifact.seed,
+        "recipe_sha256": artifact.recipe_sha256,
+        "parents": [parent.content_sha256 for parent in artifact.parents],
+        "model_sha256": artifact.model_sha256,
+        "results": artifact.results,
+    }
+    sha = hashlib.sha256(canonical(meaning).encode())
+    for path, array in sorted(artifact.arrays.items()):
+        sha.update(f"\n{canonical([path, array.dtype.str, list(array.shape)])}\n".encode())
+        sha.update(np.ascontiguousarray(array).data)
+    return sha.hexdigest()

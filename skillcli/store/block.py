@@ -1,0 +1,95 @@
+"""The block in front of every stored file: one line with the file's own hash, one line of JSON, zeros.
+
+It lies in HDF5's user block, so the file opens in any HDF5 tool, while listing a store reads a few kilobytes per file
+and opens no HDF5. The hash covers every byte of the file except its own 64 digits: any changed bit is found.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Mapping
+from typing import Any, BinaryIO
+
+from skillcli.store.text import canonical, parse
+
+SMALLEST = 4096
+LARGEST = 1 << 20
+
+_LINE = "skill-store 1 block={:07d} sha256={}\n"
+_PATTERN = re.compile(rb"skill-store 1 block=([0-9]{7}) sha256=([0-9a-f]{64})\n")
+_LENGTH = len(_LINE.format(0, "0" * 64))
+_DIGITS = slice(_LENGTH - 65, _LENGTH - 1)
+
+
+def block_size(header: Mapping[str, Any]) -> int:
+    """The smallest block that HDF5 allows (a power of two) and `header` fits in.
+
+    Raises:
+        ValueError: none does.
+    """
+    needed = _LENGTH + len(canonical(header)) + 1
+    size = SMALLEST
+    while size < needed:
+        size *= 2
+    if size > LARGEST:
+        raise ValueError(f"the header takes {needed} bytes, at most {LARGEST} fit")
+    return size
+
+
+def seal(file: BinaryIO, header: Mapping[str, Any], size: int) -> None:
+    """Write the block into the first `size` bytes of a finished file, the file's hash last."""
+    line = _LINE.format(size, "0" * 64)
+    file.seek(0)
+    file.write(f"{line}{canonical(header)}\n".encode().ljust(size, b"\0"))
+    digits = digest(file)
+    file.seek(_DIGITS.start)
+    file.write(digits.encode())
+
+
+def read_block(file: BinaryIO) -> tuple[dict[str, Any], int]:
+    """The header and the size of the block it lies in; says nothing yet about the rest of the file.
+
+    Raises:
+        ValueError: this is not one of our files, or its block is damaged.
+    """
+    file.seek(0)
+    start = file.read(SMALLEST)
+    found = _PATTERN.match(start)
+    if not found:
+        raise ValueError("it does not begin as a file of this store does")
+    size = int(found[1])
+    if not SMALLEST <= size <= LARGEST or size & (size - 1):
+        raise ValueError(f"its header block has an impossible size, {size}")
+    start += file.read(size - len(start))
+    text, _, padding = start[_LENGTH:].partition(b"\n")
+    if len(start) != size or padding.strip(b"\0"):
+        raise ValueError("its header block is cut short or has something behind the header")
+    header = parse(text)
+    if not isinstance(header, dict):
+        raise ValueError("its header is not a JSON object")
+    return header, size
+
+
+def check_digest(file: BinaryIO) -> None:
+    """Read the whole file and compare it with the hash in its block.
+
+    Raises:
+        ValueError: they differ.
+    """
+    file.seek(0)
+    found = _PATTERN.match(file.read(_LENGTH))
+    recorded = found[2].decode() if found else "nothing"
+    actual = digest(file)
+    if actual != recorded:
+        raise ValueError(f"its bytes have changed: sha256 {recorded[:12]} was recorded, {actual[:12]} is found")
+
+
+def digest(file: BinaryIO) -> str:
+    """SHA-256 over every byte but the digits of the hash itself, 64 hexadecimal digits."""
+    file.seek(0)
+    sha = hashlib.sha256(file.read(_DIGITS.start))
+    file.seek(_DIGITS.stop)
+    while chunk := file.read(1 << 20):
+        sha.update(chunk)
+    return sha.hexdigest()

@@ -1,0 +1,71 @@
+"""Unfinished training on disk, to be continued to the same result. A checkpoint has no id and is replaced in place."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from skillcli.errors import StoreError
+from skillcli.store.atomic import make_folder, storage_errors, sync_folder, write_atomically
+from skillcli.store.container import RECORD, Array, Contents, checked_arrays, pack, reading, text_array, unpack
+
+_HEADER = {"kind": "checkpoint", "schema_version": 1}
+_STATE = f"{RECORD}/state"
+
+
+def save_checkpoint(path: Path, arrays: Mapping[str, Array], state: Mapping[str, Any]) -> None:
+    """Write everything that training needs to go on, in place of what was there.
+
+    Args:
+        path: see `Store.checkpoint_path`.
+        arrays: by path, any shapes.
+        state: JSON-able; infinities, NaN and integers of any size come back as they were.
+
+    Raises:
+        StoreError: it cannot be stored; the checkpoint before it still stands.
+    """
+    try:
+        text = json.dumps(state, sort_keys=True)
+    except (TypeError, ValueError) as error:
+        raise StoreError(f"the state of training cannot be stored as JSON: {error}") from error
+    contents = Contents({}, {**checked_arrays(arrays), _STATE: text_array(text)})
+    data = pack(_HEADER, contents, _labels, gzip=False)  # short-lived: speed counts
+    with storage_errors(f"write in {path.parent}"):
+        make_folder(path.parent)
+    write_atomically(path, data, load_checkpoint, replace=True)
+
+
+def load_checkpoint(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
+    """The arrays and the state that were saved.
+
+    Raises:
+        StoreError: there is no checkpoint, or it is damaged.
+    """
+    _, contents = unpack(path, _check)
+    arrays = dict(contents.arrays)
+    with reading(path):
+        return arrays, json.loads(arrays.pop(_STATE).tobytes())
+
+
+def remove_checkpoint(path: Path) -> None:
+    """Forget a checkpoint, if there is one.
+
+    Raises:
+        StoreError: the disk refuses.
+    """
+    with storage_errors(f"remove {path}"):
+        if path.exists():
+            path.unlink()
+            sync_folder(path.parent)
+
+
+def _labels(_: str, ndim: int) -> tuple[str, str]:
+    return ",".join(f"axis{i}" for i in range(ndim)), ""
+
+
+def _check(header: Mapping[str, Any], _: Mapping[str, tuple[int, ...]]) -> None:
+    found = {name: header.get(name) for name in _HEADER}
+    if found != _HEADER:
+        raise StoreError(f"expected a checkpoint as {_HEADER}, got {found}", "start training anew")

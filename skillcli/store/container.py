@@ -1,0 +1,220 @@
+"""One file of the store: the block in front, and behind it HDF5 with text and integer attributes and plain arrays."""
+
+from __future__ import annotations
+
+import io
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import h5py  # type: ignore[import-untyped,unused-ignore]
+import numpy as np
+from numpy.typing import NDArray
+
+from skillcli.errors import StoreError
+from skillcli.store import block
+from skillcli.store.guard import DTYPES, MAX_BYTES, PATH, inspect, plausible_total
+from skillcli.store.text import parse
+
+Array = NDArray[Any]
+Labels = Callable[[str, int], tuple[str, str]]
+Check = Callable[[Mapping[str, Any], Mapping[str, tuple[int, ...]]], None]
+
+RECORD = "record"
+"""Group of the JSON texts, kept as bytes because an attribute holds at most 64 kB."""
+
+_CHUNK_BYTES = 1 << 20
+_FORMAT = ("v110", "v110")  # readable since HDF5 1.10 (2016); small datasets cost no index of their own
+# Whatever h5py, zlib and json raise at a file made to confuse them.
+_FAULTS = (
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+    zlib.error,
+)
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What lies behind the block: attributes of the root, and arrays by path."""
+
+    attributes: Mapping[str, str | int]
+    arrays: Mapping[str, Array]
+
+
+def checked_arrays(arrays: Mapping[str, Any]) -> dict[str, Array]:
+    """The arrays as they are stored: little-endian, contiguous, of a type and under a path that can be read back.
+
+    Raises:
+        StoreError: one of them cannot be stored.
+    """
+    checked = {}
+    for path, value in arrays.items():
+        array = np.asarray(value)
+        array = np.asarray(array, dtype=array.dtype.newbyteorder("<"), order="C")
+        if array.dtype.str not in DTYPES:
+            raise StoreError(f"array {path} has the type {array.dtype}", "use integers, floats or booleans")
+        if not PATH.fullmatch(path) or path.split("/")[0] == RECORD:
+            raise StoreError(f"array {path!r} cannot be stored under this path", "use one like weights/policy/0.weight")
+        checked[path] = array
+    total = sum(array.nbytes for array in checked.values())
+    if total > MAX_BYTES:
+        raise StoreError(f"the arrays take {total} bytes, at most {MAX_BYTES} fit in one file", "record fewer episodes")
+    return checked
+
+
+def text_array(text: str) -> Array:
+    """A text as bytes, (n,) uint8."""
+    return np.frombuffer(text.encode(), dtype=np.uint8)
+
+
+def parse_record(contents: Contents, name: str) -> Any:
+    """The JSON value kept under `record/NAME`.
+
+    Raises:
+        ValueError: it is not JSON text.
+        KeyError: it is not there.
+    """
+    return parse(contents.arrays[f"{RECORD}/{name}"].tobytes())
+
+
+def pack(header: Mapping[str, Any], contents: Contents, labels: Labels, *, gzip: bool = True) -> memoryview:
+    """The bytes of a finished file.
+
+    Made in memory and written in one go, so that a full disk meets a plain write and not the middle of HDF5.
+
+    Args:
+        header: for the block; its `bytes` becomes the size of the file.
+        contents: what goes behind it.
+        labels: from path and number of dimensions to the dimensions' names and the unit.
+        gzip: whether to pack what it makes smaller.
+
+    Raises:
+        StoreError: HDF5 cannot hold it.
+    """
+    try:
+        size = block.block_size({**header, "bytes": 10 * MAX_BYTES})
+        total = sum(array.nbytes for array in contents.arrays.values())
+        buffer = _write_hdf5(contents, labels, size, gzip)
+        if total > plausible_total(buffer.getbuffer().nbytes):  # mostly zeros: packed, it would look like a bomb
+            buffer = _write_hdf5(contents, labels, size, gzip=False)
+        block.seal(buffer, {**header, "bytes": buffer.getbuffer().nbytes}, size)
+    except _FAULTS as error:
+        raise StoreError(f"this cannot be stored: {_first_line(error)}") from error
+    return buffer.getbuffer()
+
+
+def _write_hdf5(contents: Contents, labels: Labels, block_size: int, gzip: bool) -> io.BytesIO:
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w", userblock_size=block_size, libver=_FORMAT) as file:
+        for name, value in contents.attributes.items():
+            _write_attribute(file, name, value)
+        for path, array in sorted(contents.arrays.items()):
+            dataset = file.create_dataset(path, data=array, track_times=False, **_storage(array, gzip))
+            for name, text in zip(("dimensions", "unit"), labels(path, array.ndim), strict=True):
+                _write_attribute(dataset, name, text)
+    return buffer
+
+
+def peek(path: Path) -> dict[str, Any]:
+    """The header alone, a few kilobytes of the file.
+
+    Raises:
+        StoreError: the file is not ours, or plainly not whole.
+    """
+    with _opened(path) as file:
+        return _header(file)[0]
+
+
+def unpack(path: Path, check: Check) -> tuple[dict[str, Any], Contents]:
+    """Read a file that may be damaged or hostile: first its hash, then its structure, and only then its data.
+
+    Args:
+        path: the file.
+        check: sees the header and the shape of every array before any is read, and may raise a StoreError.
+
+    Raises:
+        StoreError: the file is missing, damaged or refused.
+    """
+    with _opened(path) as file:
+        header, size = _header(file)
+        block.check_digest(file)
+        with h5py.File(file, "r") as hdf5:
+            if hdf5.userblock_size != size:
+                raise ValueError("its HDF5 part does not begin behind the header")
+            datasets = inspect(hdf5, header["bytes"])
+            check(header, {name: dataset.shape for name, dataset in datasets.items()})
+            attributes = {name: _read_attribute(hdf5, name) for name in hdf5.attrs}
+            return header, Contents(attributes, {name: np.asarray(datasets[name][()]) for name in sorted(datasets)})
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Turn whatever is found wrong with a file while reading it into one StoreError."""
+    try:
+        yield
+    except _FAULTS as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else _first_line(error)
+        raise StoreError(f"cannot read {path}: {reason}", "restore it from a copy, or remove it") from error
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[BinaryIO]:
+    with reading(path):
+        if path.exists() and not path.is_file():  # a pipe would wait for ever
+            raise ValueError("it is not a file")
+        with path.open("rb") as file:
+            yield file
+
+
+def _header(file: BinaryIO) -> tuple[dict[str, Any], int]:
+    header, size = block.read_block(file)
+    length = file.seek(0, io.SEEK_END)
+    if header.get("bytes") != length:
+        raise ValueError(f"it has {length} bytes, {header.get('bytes')} were written")
+    return header, size
+
+
+def _storage(array: Array, gzip: bool) -> dict[str, Any]:
+    """How HDF5 is to store one array; single numbers and empty arrays cannot have a checksum of their own."""
+    if array.ndim == 0 or array.size == 0:
+        return {}
+    pieces = min(len(array), -(-array.nbytes // _CHUNK_BYTES))
+    rows = -(-len(array) // pieces)  # equal pieces: the last one is stored at full size too
+    packing = (
+        {"compression": "gzip", "compression_opts": 4, "shuffle": True} if gzip and _is_worth_packing(array) else {}
+    )
+    return {"chunks": (rows, *array.shape[1:]), "fletcher32": True, **packing}
+
+
+def _is_worth_packing(array: Array) -> bool:
+    """Whether gzip saves a tenth, judged by the first 64 kB with bytes of equal significance put together."""
+    sample = array.ravel()[: max(1, (1 << 16) // array.itemsize)].tobytes()
+    shuffled = np.frombuffer(sample, np.uint8).reshape(-1, array.itemsize).T.tobytes()
+    return len(sample) >= 256 and len(zlib.compress(shuffled, 1)) < 0.9 * len(sample)
+
+
+def _write_attribute(item: Any, name: str, value: str | int) -> None:
+    if isinstance(value, int):
+        item.attrs.create(name, np.int64(value))
+    else:
+        data = value.encode()
+        item.attrs.create(name, np.bytes_(data), dtype=h5py.string_dtype("utf-8", max(1, len(data))))
+
+
+def _read_attribute(item: Any, name: str) -> str | int:
+    value = item.attrs[name]
+    return value.decode("utf-8") if isinstance(value, bytes) else str(value) if isinstance(value, str) else int(value)
+
+
+def _first_line(error: BaseException) -> str:
+    text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)  # str() would add quotes
+    return (text.splitlines() or [type(error).__name__])[0]

@@ -1,0 +1,70 @@
+"""Names of artifacts: `NAME/STAGE-vN`, one regular expression that parses them and one method that formats them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from skillcli.errors import StoreError
+
+STAGES = ("pretrain", "embed-means", "compose", "transfer-eval")
+"""Every stage writes one kind of artifact, called after it."""
+
+NAME = r"(?!.*\.\.)[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
+FILE = rf"(?P<stage>{'|'.join(STAGES)})-v(?P<version>[1-9][0-9]{{0,8}})"
+
+_ID = re.compile(rf"(?P<name>{NAME})/{FILE}", re.ASCII)
+_RULE = f"an id is NAME/STAGE-vN: NAME of letters, digits, '.', '_', '-' (at most 64), STAGE one of {', '.join(STAGES)}"
+
+
+@dataclass(frozen=True, order=True)
+class ArtifactId:
+    """Identity of one artifact; sorts by name, stage and version.
+
+    Raises:
+        StoreError: the parts do not make a valid id.
+    """
+
+    name: str
+    stage: str
+    version: int
+
+    def __post_init__(self) -> None:
+        """Refuse parts that would not parse back, such as a name that leaves the store's folder."""
+        if not _ID.fullmatch(str(self)):
+            raise StoreError(f"not an artifact id: {str(self)!r}", _RULE)
+
+    def __str__(self) -> str:
+        """Format as `NAME/STAGE-vN`."""
+        return f"{self.name}/{self.stage}-v{self.version}"
+
+    @classmethod
+    def parse(cls, text: str) -> ArtifactId:
+        """Read a full id.
+
+        Raises:
+            StoreError: the text is not one.
+        """
+        found = _ID.fullmatch(text)
+        if not found:
+            raise StoreError(f"not an artifact id: {text!r}", _RULE)
+        return cls(found["name"], found["stage"], int(found["version"]))
+
+    @property
+    def series(self) -> str:
+        """`NAME/STAGE`, what all versions have in common."""
+        return f"{self.name}/{self.stage}"
+
+    def path(self, root: Path) -> Path:
+        """Where the artifact lies in the store at `root`."""
+        return root / self.name / f"{self.stage}-v{self.version}.h5"
+
+
+def check_name(name: str) -> str:
+    """The name itself.
+
+    Raises:
+        StoreError: it cannot be the first part of an id.
+    """
+    return ArtifactId(name, STAGES[0], 1).name

@@ -1,0 +1,202 @@
+"""What each kind of artifact holds: one line per array with its dimensions, unit, and whether it must be there.
+
+A pattern's `*` stands for one name, `**` for any path below. Dimensions are named; within a folder the same name means
+the same size, and `step+1` is one more than `step`. `...` stands for any further dimensions.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+
+from skillcli.errors import StoreError
+
+Shape = tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Field:
+    """One array, or the arrays that fit one pattern."""
+
+    dimensions: str  # comma separated
+    unit: str = ""
+    required: bool = True
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of artifact: the version of its schema and its fields by pattern, the more special pattern first."""
+
+    version: int
+    fields: Mapping[str, Field]
+
+
+FIXED = {"xyz": 3, "xy": 2, "pose": 7, "bound": 2}
+SHARED = {"skill", "latent"}  # mean the same in every folder of a file
+FREE = {"iteration"}  # every curve may have its own pace
+
+POSITIONS = {
+    "trajectories/joint_position": Field("episode,step+1,joint", "rad", required=False),
+    "trajectories/gripper_position": Field("episode,step+1,xyz", "m", required=False),
+    "trajectories/object_pose": Field("episode,step+1,pose", "m", required=False),
+    "trajectories/position": Field("episode,step+1,xy", "m", required=False),
+}
+TRAJECTORIES = {
+    "trajectories/time": Field("step+1", "s"),
+    "trajectories/latent": Field("episode,step,latent"),
+    "trajectories/skill": Field("episode,step"),
+    "trajectories/action": Field("episode,step,action", "rad or m"),
+    "trajectories/reward": Field("episode,step"),
+    "trajectories/target": Field("episode,xyz", "m"),
+    "trajectories/success": Field("episode"),
+    "trajectories/length": Field("episode", "step"),
+    **POSITIONS,
+}
+EMBEDDING = {
+    "embedding/mean": Field("skill,latent"),
+    "embedding/std": Field("skill,latent"),
+    "skills/goal": Field("skill,xyz", "m"),
+}
+
+KINDS: Mapping[str, Kind] = {
+    "pretrain": Kind(
+        1,
+        {
+            "weights/**": Field("..."),
+            "curves/**": Field("iteration"),
+            "evaluation/final_distance": Field("skill,sample", "m"),
+            "evaluation/latent": Field("skill,sample,latent"),
+            "evaluation/inferred": Field("skill,sample,latent"),
+            **EMBEDDING,
+            **TRAJECTORIES,
+        },
+    ),
+    "embed-means": Kind(
+        1,
+        {
+            "embedding/bounds": Field("bound,latent"),
+            "embedding/latent_distance": Field("skill,skill"),
+            "embedding/goal_distance": Field("skill,skill", "m"),
+            **EMBEDDING,
+            **TRAJECTORIES,
+        },
+    ),
+    "compose": Kind(
+        1,
+        {
+            "plan/latent": Field("segment,latent"),
+            "plan/seconds": Field("segment", "s"),
+            "plan/skill": Field("segment"),
+            "waypoints/target": Field("waypoint,xyz", "m"),
+            "waypoints/closest": Field("waypoint", "m"),
+            "composer/**": Field("...", required=False),
+            "curves/**": Field("iteration", required=False),
+            **TRAJECTORIES,
+        },
+    ),
+    "transfer-eval": Kind(
+        1,
+        {
+            "domains/*/*": Field("episode,...", required=False),
+            "episodes/domain": Field("episode"),
+            "episodes/final_distance": Field("episode", "m"),
+            "episodes/return": Field("episode"),
+            "episodes/*": Field("episode,...", required=False),
+            **TRAJECTORIES,
+        },
+    ),
+}
+
+
+def check_kind(kind: str, label: str) -> None:
+    """Refuse a kind that is not in the table; `label` says in the message whose it is.
+
+    Raises:
+        StoreError: it is not.
+    """
+    if kind not in KINDS:
+        raise StoreError(f"{label} is of an unknown kind, {kind!r}", f"this skill knows {', '.join(KINDS)}")
+
+
+def check_version(kind: str, version: int, label: str) -> None:
+    """Refuse what this version of `skill` cannot read.
+
+    Raises:
+        StoreError: the kind is unknown, or its schema is newer or older than ours.
+    """
+    check_kind(kind, label)
+    ours = KINDS[kind].version
+    if version > ours:
+        raise StoreError(f"{label} has schema {version}, this skill reads at most {ours}", "install a newer skill")
+    if version < ours:
+        raise StoreError(f"{label} has schema {version}, this skill reads {ours}", "make the artifact anew")
+
+
+def check_arrays(kind: str, shapes: Mapping[str, Shape], label: str) -> None:
+    """Compare the arrays of an artifact with the table.
+
+    Raises:
+        StoreError: a required array lacks, a path is unknown, or named dimensions do not agree.
+    """
+    fields = KINDS[kind].fields
+    problems = _missing(fields, shapes)
+    sizes: dict[str, tuple[int, str]] = {}
+    for path, shape in sorted(shapes.items()):
+        field = _field(fields, path)
+        if field is None:
+            known = ", ".join(sorted({pattern.split("/")[0] for pattern in fields}))
+            problems.append(f"unknown array {path} (known folders: {known})")
+        else:
+            problems += _disagreements(path, shape, field.dimensions, sizes)
+    if problems:
+        more = f" and {len(problems) - 3} more" if len(problems) > 3 else ""
+        raise StoreError(f"{label}: {'; '.join(problems[:3])}{more}", "skillcli/store/schema.py lists what it holds")
+
+
+def labels(kind: str, path: str, ndim: int) -> tuple[str, str]:
+    """Dimension names, comma separated, and the unit of one array; dimensions without a name are called axisN."""
+    field = _field(KINDS[kind].fields, path) or Field("...")
+    names = [name for name in field.dimensions.split(",") if name != "..."]
+    return ",".join(names + [f"axis{i}" for i in range(len(names), ndim)]), field.unit
+
+
+def _field(fields: Mapping[str, Field], path: str) -> Field | None:
+    return next((field for pattern, field in fields.items() if _matches(pattern, path)), None)
+
+
+def _matches(pattern: str, path: str) -> bool:
+    expression = re.escape(pattern).replace(r"\*\*", ".+").replace(r"\*", "[^/]+")
+    return re.fullmatch(expression, path) is not None
+
+
+def _missing(fields: Mapping[str, Field], shapes: Mapping[str, Shape]) -> list[str]:
+    wanted = [pattern for pattern, field in fields.items() if field.required]
+    lacking = [f"{pattern} is missing" for pattern in wanted if not any(_matches(pattern, path) for path in shapes)]
+    if not POSITIONS.keys() & shapes.keys():
+        lacking.append(f"one of {', '.join(POSITIONS)} is needed")
+    return lacking
+
+
+def _disagreements(path: str, shape: Shape, dimensions: str, sizes: dict[str, tuple[int, str]]) -> list[str]:
+    """Where one array contradicts the sizes that earlier ones gave to its dimensions; new names join `sizes`."""
+    names = dimensions.split(",")
+    if names[-1] == "...":
+        names = names[:-1]
+        fits = len(shape) >= len(names)
+    else:
+        fits = len(shape) == len(names)
+    if not fits:
+        return [f"{path} must be ({dimensions}), got shape {shape}"]
+    problems = []
+    for name, size in zip(names, shape, strict=False):
+        base, offset = (name[:-2], 1) if name.endswith("+1") else (name, 0)
+        key = base if base in SHARED or base in FIXED else f"{PurePosixPath(path).parent}: {base}"
+        if base in FREE:
+            continue
+        expected, source = sizes.setdefault(key, (FIXED.get(base, size - offset), path))
+        if size != expected + offset:
+            because = "" if base in FIXED else f" by {source}"
+            problems.append(f"{path} has {name} = {size}, expected {expected + offset}{because}")
+    return problems

@@ -1,0 +1,225 @@
+"""The artifact store: a folder of files that are written once, checked at every reading, and never overwritten."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from skillcli.errors import StoreError, UnknownArtifact
+from skillcli.store import atomic, codec
+from skillcli.store.artifact import Artifact, Draft, Header, Parent, Unreadable, content_hash
+from skillcli.store.atomic import storage_errors
+from skillcli.store.ids import FILE, NAME, ArtifactId, check_name
+from skillcli.store.resolve import match, unknown
+
+_FOLDER = re.compile(NAME, re.ASCII)
+_FILE = re.compile(rf"{FILE}\.h5", re.ASCII)
+
+
+class Listing(NamedTuple):
+    """Everything in a store: the artifacts, newest last, and the files that are not whole."""
+
+    headers: list[Header]
+    unreadable: list[Unreadable]
+
+
+@dataclass(frozen=True)
+class Store:
+    """The artifacts below one folder, which is created when something is first written.
+
+    Args:
+        root: the folder.
+    """
+
+    root: Path
+
+    def write(self, draft: Draft) -> Artifact:
+        """Keep a result for good under the next version of its name and kind.
+
+        Returns:
+            The artifact as it was read back from the disk.
+
+        Raises:
+            StoreError: the draft does not fit its kind, a parent is missing, or the disk refuses. Nothing is left
+                under the artifact's name.
+        """
+        draft = codec.check_draft(draft)
+        parents = tuple(Parent(one, self.header(one).content_sha256) for one in draft.parents)
+        version = atomic.claim_version(self.root / check_name(draft.name), draft.kind)
+        artifact = codec.finish(draft, version, parents)
+
+        def check(path: Path) -> Artifact:
+            written = codec.read_artifact(path, artifact.id)
+            if content_hash(written) != artifact.content_sha256:
+                raise StoreError(f"{artifact.id} read back differs from what was written", "check the disk")
+            return written
+
+        return atomic.write_atomically(self.path(artifact.id), codec.encode(artifact), check)
+
+    def check_writable(self, name: str) -> None:
+        """Find out before the work whether its result could be written.
+
+        Raises:
+            StoreError: it could not, or the name is not valid.
+        """
+        atomic.try_writing(self.root / check_name(name))
+
+    def path(self, artifact_id: ArtifactId) -> Path:
+        """The file of an artifact."""
+        return artifact_id.path(self.root)
+
+    def checkpoint_path(self, name: str, kind: str, inputs_sha256: str) -> Path:
+        """Where unfinished work with these inputs is kept."""
+        return self.root / check_name(name) / f".checkpoint-{kind}-{inputs_sha256[:12]}.h5"
+
+    def ids(self) -> list[ArtifactId]:
+        """Every artifact there is, sorted, without opening any."""
+        with storage_errors(f"list {self.root}"):
+            return sorted(self._scan())
+
+    def resolve(self, text: str | None, kinds: Sequence[str] = ()) -> ArtifactId:
+        """The artifact that a user means.
+
+        Args:
+            text: a full id, `NAME/STAGE` for its newest version, or a unique prefix; None or "" for the newest of all.
+            kinds: which kinds will do; empty for any.
+
+        Raises:
+            UnknownArtifact: nothing, or more than one, answers to the text.
+            StoreError: it is not an id, or of another kind than asked for.
+        """
+        if text:
+            return match(text, self.ids(), kinds)
+        fitting = [header.id for header in self.headers() if not kinds or header.kind in kinds]
+        if not fitting:
+            wanted = " or ".join(kinds) or "any kind"
+            hint = f"make one with `skill {kinds[0] if kinds else 'pretrain'}`"
+            raise UnknownArtifact(f"there is no artifact of {wanted} in {self.root}", hint)
+        return fitting[-1]
+
+    def header(self, artifact_id: ArtifactId) -> Header:
+        """What is known of an artifact without opening it.
+
+        Raises:
+            UnknownArtifact: there is none.
+            StoreError: its header is damaged.
+        """
+        return codec.read_header(self._existing(artifact_id), artifact_id)
+
+    def read(self, artifact_id: ArtifactId) -> Artifact:
+        """The whole artifact; a damaged or hostile file is refused before its data is used.
+
+        Raises:
+            UnknownArtifact: there is none.
+            StoreError: it is damaged or refused.
+        """
+        return codec.read_artifact(self._existing(artifact_id), artifact_id)
+
+    def listing(self) -> Listing:
+        """All headers, newest last, and what could not be read."""
+        headers, unreadable = [], []
+        for artifact_id in self.ids():
+            try:
+                headers.append(codec.read_header(self.path(artifact_id), artifact_id))
+            except StoreError as error:
+                unreadable.append(Unreadable(artifact_id, error.message))
+        return Listing(sorted(headers, key=_age), unreadable)
+
+    def headers(self) -> list[Header]:
+        """The headers of all readable artifacts, newest last."""
+        return self.listing().headers
+
+    def find(self, kind: str, inputs_sha256: str, name: str | None = None) -> ArtifactId | None:
+        """The newest artifact of this kind that was made from exactly these inputs, if any."""
+        if not inputs_sha256:
+            return None
+        same = [one for one in self.headers() if one.kind == kind and one.inputs_sha256 == inputs_sha256]
+        return next((one.id for one in reversed(same) if name in (None, one.id.name)), None)
+
+    def lineage(self, artifact_id: ArtifactId) -> list[ArtifactId]:
+        """All ancestors, nearest first; those that are gone are named too, but theirs are not known.
+
+        Raises:
+            StoreError: the artifact itself is not there or damaged.
+        """
+        found: list[ArtifactId] = []
+        pending = [parent.id for parent in self.header(artifact_id).parents]
+        while pending:
+            ancestor = pending.pop(0)
+            if ancestor not in found:
+                found.append(ancestor)
+                pending += [parent.id for parent in self._parents(ancestor)]
+        return found
+
+    def dependents(self, artifact_id: ArtifactId) -> list[ArtifactId]:
+        """The artifacts that were made directly from this one, oldest first."""
+        return [header.id for header in self.headers() if artifact_id in [parent.id for parent in header.parents]]
+
+    def verify(self, artifact_id: ArtifactId) -> list[str]:
+        """What is wrong with an artifact, one line each; nothing when it is as it was written.
+
+        Raises:
+            UnknownArtifact: there is none.
+        """
+        path = self._existing(artifact_id)
+        try:
+            artifact = codec.read_artifact(path, artifact_id)
+        except StoreError as error:
+            return [error.message]
+        problems = [self._parent_problem(parent) for parent in artifact.parents]
+        if content_hash(artifact) != artifact.content_sha256:
+            problems.append(f"the content hash of {artifact_id} is not that of its content")
+        return [problem for problem in problems if problem]
+
+    def remove(self, artifact_id: ArtifactId) -> None:
+        """Delete an artifact; its version number stays taken.
+
+        Raises:
+            UnknownArtifact: there is none.
+            StoreError: others were made from it, or the disk refuses.
+        """
+        path = self._existing(artifact_id)
+        if dependents := self.dependents(artifact_id):
+            names = ", ".join(map(str, dependents[:5])) + (" and more" if len(dependents) > 5 else "")
+            raise StoreError(f"cannot remove {artifact_id}: {names} depend on it", "remove those first")
+        with storage_errors(f"remove {path}"):
+            atomic.keep_claim(path.parent, path.stem)
+            path.unlink()
+            atomic.sync_folder(path.parent)
+
+    def _scan(self) -> Iterator[ArtifactId]:
+        if not self.root.exists():
+            return
+        for folder in os.scandir(self.root):
+            if _FOLDER.fullmatch(folder.name) and folder.is_dir():
+                for entry in os.scandir(folder.path):
+                    if found := _FILE.fullmatch(entry.name):
+                        yield ArtifactId(folder.name, found["stage"], int(found["version"]))
+
+    def _existing(self, artifact_id: ArtifactId) -> Path:
+        path = self.path(artifact_id)
+        if not os.path.lexists(path):
+            raise unknown(str(artifact_id), self.ids())
+        return path
+
+    def _parents(self, artifact_id: ArtifactId) -> tuple[Parent, ...]:
+        try:
+            return self.header(artifact_id).parents
+        except StoreError:
+            return ()
+
+    def _parent_problem(self, parent: Parent) -> str:
+        try:
+            found = self.header(parent.id).content_sha256
+        except StoreError as error:
+            return f"parent {parent.id}: {error.message}"
+        recorded = parent.content_sha256
+        return "" if found == recorded else f"parent {parent.id} is now {found[:12]}, recorded was {recorded[:12]}"
+
+
+def _age(header: Header) -> tuple[str, int, ArtifactId]:
+    return header.created_utc, header.id.version, header.id

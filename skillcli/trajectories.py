@@ -1,0 +1,74 @@
+"""The one format in which motion is kept: `E` episodes of at most `T` control steps, on one clock.
+
+Every stage writes it and every figure reads it, so that neither needs special cases. Row 0 along the time axis is the
+state after reset; row `length[e]` is the last state of episode `e`, and rows behind it repeat that state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trajectories:
+    """Recorded episodes; a quantity that the task does not have is None.
+
+    Positions are in the frame of the robot's base. The judged point of an episode is the box where there is one, else
+    the gripper, else the point itself.
+    """
+
+    time: Array  # (T+1,) s
+    latent: Array  # (E, T, d)
+    skill: Array  # (E, T) index of the skill whose mean was fed, -1 for any other latent
+    action: Array  # (E, T, a) as applied: rad for the arm, m for the point
+    reward: Array  # (E, T) the task's own reward
+    target: Array  # (E, 3) m, where the judged point should end
+    success: Array  # (E,) bool
+    length: Array  # (E,) control steps
+    joint_position: Array | None = None  # (E, T+1, 7) rad
+    gripper_position: Array | None = None  # (E, T+1, 3) m, the site the task is judged at
+    object_pose: Array | None = None  # (E, T+1, 7) m, quaternion w x y z
+    position: Array | None = None  # (E, T+1, 2) m, the point task
+
+    @property
+    def episodes(self) -> int:
+        """How many episodes there are, E."""
+        return int(self.length.shape[0])
+
+    @property
+    def judged(self) -> Array:
+        """Path of the judged point, (E, T+1, 3) m; the point task moves in the plane z = 0."""
+        if self.object_pose is not None:
+            return self.object_pose[..., :3]
+        if self.gripper_position is not None:
+            return self.gripper_position
+        if self.position is None:
+            raise ValueError("trajectories hold no position: object_pose, gripper_position or position is needed")
+        return np.concatenate([self.position, np.zeros_like(self.position[..., :1])], axis=-1)
+
+    def arrays(self) -> dict[str, Array]:
+        """The fields that are present, by name, as the store keeps them."""
+        return {f.name: value for f in fields(self) if (value := getattr(self, f.name)) is not None}
+
+    def judged_by(self, success: Array) -> Trajectories:
+        """The same recording with another judgement of success, (E,) bool."""
+        return replace(self, success=success)
+
+    @staticmethod
+    def join(parts: Sequence[Trajectories]) -> Trajectories:
+        """Recordings on the same clock, one behind the other."""
+        first = parts[0].arrays()
+        joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in first if name != "time"}
+        return Trajectories(time=parts[0].time, **joined)
+
+    def select(self, episodes: Array | list[int] | slice) -> Trajectories:
+        """The same recording with only these episodes."""
+        chosen = {name: value if name == "time" else value[episodes] for name, value in self.arrays().items()}
+        return Trajectories(**chosen)

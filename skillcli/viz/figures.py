@@ -1,0 +1,204 @@
+"""One figure per artifact, drawn without a viewer and without a window.
+
+`figure` is the entry: it chooses the composition for the artifact's kind, draws it and writes the file. The panels are
+in `panels_space` (paths and latents), `panels_time` (what changes) and `panels_transfer` (domains compared).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpec, SubplotSpec
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
+
+from skillcli.errors import UsageError
+from skillcli.viz import motion, panels_space, panels_time, panels_transfer
+from skillcli.viz.files import replacing
+from skillcli.viz.palette import BETWEEN, look
+from skillcli.viz.scene import Scene
+
+FORMATS = ("png", "pdf", "svg")
+DPI = 200
+STYLE: Any = {  # matplotlib types the keys as one literal of all its settings
+    "font.size": 8,
+    "axes.titlesize": 8.5,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.7,
+    "axes.axisbelow": True,
+    "grid.color": "#E4E4E4",
+    "grid.linewidth": 0.5,
+    "legend.frameon": False,
+    "legend.handlelength": 2.6,
+    "lines.linewidth": 1.4,
+    "pdf.fonttype": 42,  # text stays text, so that a journal can embed the font
+    "svg.hashsalt": "skill",  # the same picture gives the same file
+}
+MAP_SIZE = 2.6  # in, width of the maps' column when they are as wide as high
+MAX_COLUMNS = 4  # domains beside one another
+
+
+def figure(scene: Scene, path: Path) -> None:
+    """Draw the scene and write it as PNG, PDF or SVG, by the suffix of `path`.
+
+    Args:
+        scene: what to draw.
+        path: the file to write; nothing is left there when writing fails.
+
+    Raises:
+        UsageError: the suffix is none of the three.
+        SkillError: the file cannot be written.
+    """
+    suffix = path.suffix.lower().removeprefix(".")
+    if suffix not in FORMATS:
+        raise UsageError(f"cannot draw a figure as {path.name!r}", f"end its name in {', '.join(FORMATS)}")
+    dated = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}[suffix]
+    with matplotlib.rc_context(STYLE), replacing(path) as temporary:
+        drawn = draw(scene)
+        drawn.savefig(temporary, format=suffix, dpi=DPI, metadata=dated)
+
+
+def draw(scene: Scene) -> Figure:
+    """The figure of a scene, not yet written."""
+    compositions: dict[str, Callable[[Figure, Scene], None]] = {"compose": _composed, "transfer-eval": _transferred}
+    drawn = Figure(layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.06, wspace=0.03, hspace=0.04))
+    FigureCanvasAgg(drawn)
+    compositions.get(scene.kind, _learned)(drawn, scene)
+    return drawn
+
+
+# --- compositions -----------------------------------------------------------------------------------------------------
+
+
+def _learned(drawn: Figure, scene: Scene) -> None:
+    """Skills: their paths, their place in the latent space, their accuracy, and how they were learned."""
+    curves = panels_time.curve_panels(scene)[:3]
+    drawn.set_size_inches(10.5, 6.0 if curves else 4.2)
+    maps, right = _columns(drawn, scene)
+    for axes, plane in _maps(drawn, maps, scene):
+        panels_space.paths(axes, scene, plane)
+        panels_space.goals(axes, scene, plane)
+    rows = right.subgridspec(2 if curves else 1, 6)
+    planes = panels_space.latent_planes(scene)
+    upper = _split(drawn, rows, 0, len(planes) + 1)
+    for axes, plane in zip(upper, planes, strict=False):
+        panels_space.latents(axes, scene, plane)
+    panels_time.distances(upper[-1], scene)
+    if curves:
+        for axes, panel in zip(_split(drawn, rows, 1, len(curves)), curves, strict=True):
+            panel(axes, scene)
+    _head(drawn, scene)
+    _skill_legend(drawn, scene, range(len(scene.skills)))
+
+
+def _composed(drawn: Figure, scene: Scene) -> None:
+    """A plan as it was executed: in space, in the latent space and over time."""
+    drawn.set_size_inches(10.5, 5.6)
+    maps, right = _columns(drawn, scene)
+    for axes, plane in _maps(drawn, maps, scene):
+        panels_space.executed(axes, scene, plane, list(range(scene.trajectories.episodes)))
+        panels_space.waypoints(axes, scene, plane)
+    grid = right.subgridspec(2, 2, width_ratios=[3, 2])
+    above, below = drawn.add_subplot(grid[0, 0]), drawn.add_subplot(grid[1, 0])
+    panels_time.latent_components(above, scene, 0)
+    panels_time.due_distance(below, scene, 0)
+    above.sharex(below)
+    above.tick_params(labelbottom=False)
+    place = grid[0, 1] if len(scene.waypoints) else grid[:, 1]
+    panels_space.latents(drawn.add_subplot(place), scene, (0, 1), route=0)
+    if len(scene.waypoints):
+        panels_time.closest(drawn.add_subplot(grid[1, 1]), scene, 0)
+    _head(drawn, scene)
+    _skill_legend(drawn, scene, panels_space.fed_skills(scene))
+
+
+def _transferred(drawn: Figure, scene: Scene) -> None:
+    """Domains compared: every path, the success with its interval, and the final distances."""
+    names = list(motion.domains(scene))
+    columns = min(len(names), MAX_COLUMNS)
+    rows = -(-len(names) // columns)
+    low, high = panels_space.limits(scene, (0, 1))
+    width = 10.5
+    height = np.clip(width / columns * (high - low)[1] / (high - low)[0], 2.2, 3.6)
+    drawn.set_size_inches(width, rows * height + 3.4)
+    outer = drawn.add_gridspec(2, 1, height_ratios=[rows * height, 2.8])
+    grid = outer[0].subgridspec(rows, columns)
+    for place, (name, episodes) in enumerate(motion.domains(scene).items()):
+        axes = drawn.add_subplot(grid[place // columns, place % columns])
+        panels_space.executed(axes, scene, (0, 1), episodes)
+        panels_space.waypoints(axes, scene, (0, 1))
+        panels_transfer.entitle(axes, scene, name, episodes)
+    lower = outer[1].subgridspec(1, 2)
+    panels_transfer.success(drawn.add_subplot(lower[0]), scene)
+    panels_transfer.final_distances(drawn.add_subplot(lower[1]), scene)
+    _head(drawn, scene)
+    _skill_legend(drawn, scene, panels_space.fed_skills(scene))
+
+
+# --- shared parts -----------------------------------------------------------------------------------------------------
+
+
+def _columns(drawn: Figure, scene: Scene) -> tuple[SubplotSpec, SubplotSpec]:
+    """The maps' column, as wide as their shape asks for, and the rest of the figure."""
+    width, height = drawn.get_size_inches()
+    spans = [high - low for low, high in (panels_space.limits(scene, plane) for plane in panels_space.planes(scene))]
+    wanted = 0.85 * height * spans[0][0] / sum(span[1] for span in spans)
+    share = float(np.clip(wanted, 0.22 * width, 0.42 * width)) / width
+    grid: GridSpec = drawn.add_gridspec(1, 2, width_ratios=[share, 1 - share])
+    return grid[0], grid[1]
+
+
+def _maps(drawn: Figure, place: SubplotSpec, scene: Scene) -> list[tuple[Axes, tuple[int, int]]]:
+    """One axes per projection, above one another, heights in proportion to what they show."""
+    planes = panels_space.planes(scene)
+    spans = [float(np.ptp(panels_space.limits(scene, plane), axis=0)[1]) for plane in planes]
+    grid = place.subgridspec(len(planes), 1, height_ratios=spans)
+    return [(drawn.add_subplot(grid[row, 0]), plane) for row, plane in enumerate(planes)]
+
+
+def _split(drawn: Figure, grid: Any, row: int, count: int) -> list[Axes]:
+    """Panels of equal width in a row of six columns."""
+    each = 6 // count
+    return [drawn.add_subplot(grid[row, i * each : (i + 1) * each]) for i in range(count)]
+
+
+def _head(drawn: Figure, scene: Scene) -> None:
+    """The artifact's id, and what was counted."""
+    episodes, at_means = scene.trajectories.episodes, len(motion.mean_episodes(scene))
+    counted = f"{episodes} episode" + ("s" if episodes != 1 else "")
+    if scene.kind in ("pretrain", "embed-means"):
+        sampled = episodes - at_means
+        counted = f"{at_means} skills at their mean latents" + (f", {sampled} sampled latents" if sampled else "")
+    elif scene.kind == "compose" and episodes > 1:
+        counted += f", over time: {scene.episode_labels[0]}"
+    drawn.suptitle(f"{scene.title}   (n = {counted})", x=0.01, ha="left", fontsize=9.5, fontweight="bold")
+
+
+def _skill_legend(drawn: Figure, scene: Scene, skills: range | list[int]) -> None:
+    """Number, name and look of the skills in use, and the marks of an execution, below everything."""
+    names = ["between skills" if skill < 0 else panels_space.numbered(scene, skill) for skill in skills]
+    looks = [look(skill) for skill in skills]
+    handles = [
+        Line2D([], [], color=each.color, ls=each.dash, marker=each.marker, ms=4, label=name)
+        for each, name in zip(looks, names, strict=True)
+    ]
+    if scene.kind in ("compose", "transfer-eval"):
+        for mark, filling, name in (("o", "white", "start"), ("o", "black", "success"), ("X", "white", "failure")):
+            handles.append(
+                Line2D([], [], color="black", ls="none", marker=mark, mfc=filling, ms=4, mew=0.8, label=name)
+            )
+        handles.append(Line2D([], [], color="black", ls="none", marker="+", ms=6, label="goal of a skill"))
+    if scene.trajectories.object_pose is not None and scene.trajectories.gripper_position is not None:
+        handles.append(Line2D([], [], color=BETWEEN, lw=0.6, label="gripper"))
+    longest = max((len(name) for name in names), default=1)
+    columns = max(1, min(len(handles), int(150 / (longest + 9))))
+    drawn.legend(handles=handles, loc="outside lower center", ncols=columns)

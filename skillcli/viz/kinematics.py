@@ -1,0 +1,116 @@
+"""Where the bodies of a MuJoCo model are, and what they look like: primitives and poses, no viewer."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import mujoco  # type: ignore[import-untyped]
+import numpy as np
+
+from skillcli.errors import SkillError
+from skillcli.trajectories import Array
+
+ARM_JOINT = "right_j{}"
+BOX_JOINT = "box"
+LAST_VISUAL_GROUP = 2  # by MuJoCo's convention the groups above hold geoms for collision only
+
+_SHAPES = {
+    mujoco.mjtGeom.mjGEOM_SPHERE: "ellipsoid",
+    mujoco.mjtGeom.mjGEOM_ELLIPSOID: "ellipsoid",
+    mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
+    mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
+    mujoco.mjtGeom.mjGEOM_BOX: "box",
+}
+
+
+class Shape(NamedTuple):
+    """One geom in the frame of its body."""
+
+    form: str  # "capsule" | "cylinder" | "box" | "ellipsoid"
+    size: Array  # (3,) m: half sizes; capsule and cylinder: radius, half length along z, 0
+    position: Array  # (3,) m
+    quaternion: Array  # (4,) x y z w
+    rgba: Array  # (4,) in 0..1
+
+
+def xyzw(wxyz: Array) -> Array:
+    """Quaternions with the scalar last; MuJoCo keeps it first. (..., 4) → (..., 4)."""
+    return np.roll(wxyz, -1, axis=-1)
+
+
+def body_name(model: mujoco.MjModel, body: int) -> str:
+    """The body's name, or its number when it has none."""
+    return str(model.body(body).name) or f"body_{body}"
+
+
+def moves(model: mujoco.MjModel, body: int) -> bool:
+    """Whether any joint can move the body."""
+    return int(model.body_weldid[body]) != 0
+
+
+def shapes(model: mujoco.MjModel) -> dict[int, list[Shape]]:
+    """The primitives to draw of each body that has some.
+
+    A body that has collision geoms only is drawn by these. Planes, meshes and height fields are left out: the models
+    here are made of primitives.
+    """
+    dressed = {int(b) for b in model.geom_bodyid[model.geom_group <= LAST_VISUAL_GROUP]}
+    found: dict[int, list[Shape]] = {}
+    for geom in range(model.ngeom):
+        form = _SHAPES.get(mujoco.mjtGeom(model.geom_type[geom]))
+        color = _color(model, geom)
+        undrawn = model.geom_group[geom] > LAST_VISUAL_GROUP and int(model.geom_bodyid[geom]) in dressed
+        if form is None or color[3] == 0 or undrawn:
+            continue
+        size = np.array(model.geom_size[geom])
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_SPHERE:
+            size = np.repeat(size[:1], 3)
+        shape = Shape(form, size, np.array(model.geom_pos[geom]), xyzw(np.array(model.geom_quat[geom])), color)
+        found.setdefault(int(model.geom_bodyid[geom]), []).append(shape)
+    return found
+
+
+def _color(model: mujoco.MjModel, geom: int) -> Array:
+    """Colour of a geom, (4,); a material wins over the geom's own colour, as in MuJoCo's viewer."""
+    material = int(model.geom_matid[geom])
+    return np.array(model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom])
+
+
+def body_poses(model: mujoco.MjModel, joint_position: Array, object_pose: Array | None = None) -> tuple[Array, Array]:
+    """Poses of all bodies for a row of arm postures.
+
+    Args:
+        model: it must have the joints `right_j0` … of the arm, and a free joint `box` when there is an object pose.
+        joint_position: (n, joints) rad.
+        object_pose: (n, 7) m and w x y z, or None.
+
+    Returns:
+        Positions (n, bodies, 3) m and quaternions (n, bodies, 4) x y z w, in the frame of the world.
+    """
+    data = mujoco.MjData(model)
+    arm = [_address(model, ARM_JOINT.format(i)) for i in range(joint_position.shape[-1])]
+    box = 0 if object_pose is None else _address(model, BOX_JOINT)
+    positions = np.empty((len(joint_position), model.nbody, 3))
+    quaternions = np.empty((len(joint_position), model.nbody, 4))
+    for row, posture in enumerate(joint_position):
+        data.qpos[arm] = posture
+        if object_pose is not None:
+            data.qpos[box : box + 7] = object_pose[row]
+        mujoco.mj_kinematics(model, data)
+        positions[row], quaternions[row] = data.xpos, xyzw(data.xquat)
+    return positions, quaternions
+
+
+def _address(model: mujoco.MjModel, joint: str) -> int:
+    """Where the joint's position starts in the state."""
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint)
+    if index < 0:
+        names = ", ".join(repr(str(model.joint(i).name)) for i in range(model.njnt))
+        raise SkillError(f"the robot model has no joint {joint!r}", f"its joints are {names}")
+    return int(model.jnt_qposadr[index])
+
+
+def z_axis(quaternion: Array) -> Array:
+    """The direction that rotated shapes call z. (n, 4) x y z w → (n, 3)."""
+    x, y, z, w = np.moveaxis(quaternion, -1, 0)
+    return np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=-1)

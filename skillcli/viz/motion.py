@@ -1,0 +1,162 @@
+"""What the pictures need to know about recorded motion, computed from the arrays alone."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from skillcli.metrics import final_distance
+from skillcli.trajectories import Array
+from skillcli.viz.scene import Scene
+
+MAX_PLAYED = 8  # episodes shown moving; more make a recording long, not clearer
+WORST_PER_DOMAIN = 2
+
+
+class Piece(NamedTuple):
+    """Control steps `start` to `stop` of an episode, fed by one skill (-1: a latent that is no skill's mean)."""
+
+    start: int
+    stop: int
+    skill: int
+
+
+def domain(label: str) -> str:
+    """The domain in an episode's label: "real-like 4" is of "real-like"."""
+    return label.rpartition(" ")[0] or label
+
+
+def domains(scene: Scene) -> dict[str, list[int]]:
+    """Episodes per domain, both in order of appearance."""
+    groups: dict[str, list[int]] = {}
+    for episode, label in enumerate(scene.episode_labels):
+        groups.setdefault(domain(label), []).append(episode)
+    return groups
+
+
+def episode_skill(scene: Scene, episode: int) -> int:
+    """The skill that an episode ran: the one fed, or that whose goal was its target when the latent was sampled."""
+    fed = int(scene.trajectories.skill[episode, 0]) if scene.trajectories.skill.shape[1] else -1
+    if fed >= 0 or not len(scene.goals):
+        return fed
+    gaps = np.linalg.norm(scene.goals - scene.trajectories.target[episode], axis=-1)  # (K,)
+    nearest = int(gaps.argmin())
+    return nearest if gaps[nearest] <= scene.tolerance else -1
+
+
+def mean_episodes(scene: Scene) -> dict[int, int]:
+    """For each skill that has one, the first episode run at its mean latent."""
+    fed = scene.trajectories.skill[:, 0] if scene.trajectories.skill.shape[1] else np.empty(0)
+    found: dict[int, int] = {}
+    for episode, skill in enumerate(fed):
+        if skill >= 0:
+            found.setdefault(int(skill), episode)
+    return dict(sorted(found.items()))
+
+
+def path(scene: Scene, episode: int) -> Array:
+    """The judged point over the episode, (length+1, 3) m."""
+    moved: Array = scene.trajectories.judged[episode, : int(scene.trajectories.length[episode]) + 1]
+    return moved
+
+
+def pieces(scene: Scene, episode: int) -> list[Piece]:
+    """The episode cut where the latent changes; a latent that changes at every step (a blend) is one piece."""
+    length = int(scene.trajectories.length[episode])
+    skill, latent = scene.trajectories.skill[episode, :length], scene.trajectories.latent[episode, :length]
+    if scene.kind in ("pretrain", "embed-means"):
+        return [Piece(0, length, episode_skill(scene, episode))]
+    changed = (np.diff(skill) != 0) | np.any(np.diff(latent, axis=0) != 0, axis=-1)
+    cuts = [0, *(np.flatnonzero(changed) + 1).tolist(), length]
+    merged: list[Piece] = []
+    for start, stop in pairwise(cuts):
+        piece = Piece(start, stop, int(skill[start])) if length else Piece(0, 0, -1)
+        if merged and _blends(merged[-1], skill, latent) and _blends(piece, skill, latent):
+            piece = Piece(merged.pop().start, stop, -1)
+        merged.append(piece)
+    return merged
+
+
+def _blends(piece: Piece, skill: Array, latent: Array) -> bool:
+    """Whether the latent moves at every step of the piece, as a blend between skills does."""
+    if piece.skill >= 0:
+        return False
+    rows = latent[piece.start : piece.stop]
+    return len(rows) == 1 or bool(np.any(np.diff(rows, axis=0) != 0, axis=-1).all())
+
+
+def due(moved: Array, waypoints: Array, tolerance: float) -> Array:
+    """How many waypoints were passed, in order, before each row of a path.
+
+    A waypoint is passed at the row within its tolerance from which the path leads away again (or ends), so that its
+    nearest pass is what it says and not the moment of entering the tolerance.
+
+    Args:
+        moved: (n, 2) or (n, 3) m.
+        waypoints: (W, 2) or (W, 3) m.
+        tolerance: m.
+
+    Returns:
+        (n+1,) int; the last is the number passed in the end.
+    """
+    counts = np.zeros(len(moved) + 1, dtype=int)
+    for row, point in enumerate(moved):
+        passed = counts[row]
+        if passed < len(waypoints):
+            gap = np.linalg.norm(point - waypoints[passed])
+            after = np.linalg.norm(moved[row + 1] - waypoints[passed]) if row + 1 < len(moved) else np.inf
+            passed += bool(gap <= tolerance and after >= gap)
+        counts[row + 1] = passed
+    return counts
+
+
+def _judged(scene: Scene, episode: int) -> tuple[Array, Array, Array]:
+    """Path, waypoints and target in the coordinates that are judged: a box in the table plane, all else in space."""
+    axes = 2 if scene.trajectories.object_pose is not None else 3
+    return path(scene, episode)[:, :axes], scene.waypoints[:, :axes], scene.trajectories.target[episode, :axes]
+
+
+def distance(scene: Scene, episode: int) -> Array:
+    """Distance to the waypoint that is due, or without waypoints to the target, (length+1,) m."""
+    moved, waypoints, target = _judged(scene, episode)
+    if len(waypoints):
+        order = due(moved, waypoints, scene.tolerance)[:-1]
+        target = waypoints[np.minimum(order, len(waypoints) - 1)]
+    gap: Array = np.linalg.norm(moved - target, axis=-1)
+    return gap
+
+
+def closest(scene: Scene, episode: int) -> Array:
+    """Closest approach to each waypoint while it was due, (W,) m; NaN for one that never became due.
+
+    The last waypoint stays due to the end.
+    """
+    moved, waypoints, _ = _judged(scene, episode)
+    order, gaps = due(moved, waypoints, scene.tolerance)[:-1], distance(scene, episode)
+    order = np.minimum(order, len(waypoints) - 1)
+    nearest = np.array([gaps[order == w].min(initial=np.inf) for w in range(len(waypoints))])
+    return np.where(np.isfinite(nearest), nearest, np.nan)
+
+
+def reached(scene: Scene, episode: int) -> Array:
+    """Share of the waypoints passed so far, or without them whether the target is within tolerance, (length+1,)."""
+    moved, waypoints, _ = _judged(scene, episode)
+    if not len(waypoints):
+        within: Array = (distance(scene, episode) <= scene.tolerance).astype(float)
+        return within
+    share: Array = due(moved, waypoints, scene.tolerance)[1:] / len(waypoints)
+    return share
+
+
+def played(scene: Scene) -> list[int]:
+    """The episodes worth watching: each skill at its mean, or the worst of each domain, or the first ones."""
+    if scene.kind in ("pretrain", "embed-means") and (at_means := list(mean_episodes(scene).values())):
+        return at_means[:MAX_PLAYED]
+    if scene.kind != "transfer-eval":
+        return list(range(min(scene.trajectories.episodes, MAX_PLAYED)))
+    groups, gaps = domains(scene), final_distance(scene.trajectories)
+    each = max(1, min(WORST_PER_DOMAIN, MAX_PLAYED // max(len(groups), 1)))
+    worst = [sorted(episodes, key=lambda e: -gaps[e])[:each] for episodes in groups.values()]
+    return [episode for chosen in worst for episode in chosen][:MAX_PLAYED]

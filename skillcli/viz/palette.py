@@ -1,0 +1,44 @@
+"""One look per skill, told apart by colour, line style and marker, so that it survives a grey printer.
+
+The colours are those of Okabe and Ito (https://jfly.uni-koeln.de/color/), readable with any colour vision; yellow and
+black are replaced because one is lost on white paper and the other on the viewer's dark ground.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A52C7", "#8C6D31")
+Dash = Literal["-", "--", "-.", ":"]
+
+DASHES: tuple[Dash, ...] = ("-", "--", "-.", ":")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+
+BETWEEN = "#7F7F7F"  # a latent that is no skill's mean
+TARGET = "#2B2B2B"  # waypoints and tolerances on paper
+TARGET_IN_VIEWER = "#E8E8E8"  # the same on the viewer's dark ground
+
+
+class Look(NamedTuple):
+    """How one series is drawn."""
+
+    color: str
+    dash: Dash
+    marker: str
+
+
+def look(index: int) -> Look:
+    """The look of skill (or domain) `index`; -1 is the look of an interpolated latent.
+
+    After eight entries the colours repeat with other dashes, so 32 stay distinct.
+    """
+    if index < 0:
+        return Look(BETWEEN, ":", ".")
+    turn, slot = divmod(index, len(COLORS))
+    return Look(COLORS[slot], DASHES[(slot + turn) % len(DASHES)], MARKERS[(slot + turn) % len(MARKERS)])
+
+
+def rgba(color: str, alpha: float = 1.0) -> tuple[int, int, int, int]:
+    """A hexadecimal colour as bytes."""
+    red, green, blue = (int(color[i : i + 2], 16) for i in (1, 3, 5))
+    return red, green, blue, round(255 * alpha)

@@ -1,0 +1,78 @@
+"""An artifact as a rerun recording: arm, goals and paths in space, the way through the latent space, and series.
+
+Entities: `world` holds everything in space, `latent` the latent space, `series` what changes over a control step,
+`learning` the curves of training, and `provenance` where it all came from. The chosen episodes are played one after
+another on the timelines `step` and `sim_time`; learning has its own, `iteration`.
+
+This package is the only place that knows rerun.
+"""
+
+from __future__ import annotations
+
+import uuid
+from pathlib import Path
+
+import rerun as rr
+from rerun.chunk import RrdReader
+
+from skillcli.errors import SkillError
+from skillcli.viz.files import replacing
+from skillcli.viz.recording.clock import clocks
+from skillcli.viz.recording.latent import log_means, log_moving
+from skillcli.viz.recording.layout import slug
+from skillcli.viz.recording.opening import blueprint
+from skillcli.viz.recording.series import log_curves, log_series
+from skillcli.viz.recording.space import log_goals, log_model, log_paths
+from skillcli.viz.scene import Scene
+
+
+def record(scene: Scene, path: Path) -> list[str]:
+    """Write the scene as an .rrd file.
+
+    Args:
+        scene: what to show.
+        path: the file to write; nothing is left there when writing fails.
+
+    Returns:
+        The entity paths in the file, sorted.
+
+    Raises:
+        SkillError: the file cannot be written, or does not read back.
+    """
+    with replacing(path) as temporary:
+        stream = rr.RecordingStream(slug(f"skill-{scene.title}"), recording_id=uuid.uuid4())
+        try:
+            stream.save(temporary, default_blueprint=blueprint(scene))
+            _log_all(stream, scene)
+            stream.flush()
+            stream.disconnect()
+        except RuntimeError as error:  # what rerun raises when the file takes no more
+            raise SkillError(f"cannot write {path}: {error}", "choose another folder, or free some space") from error
+        return _entities(temporary)
+
+
+def _entities(path: Path) -> list[str]:
+    """Entity paths of a finished file, which is so also seen to be readable."""
+    try:
+        found = {chunk.entity_path for chunk in RrdReader(path).stream()}
+    except (RuntimeError, ValueError) as error:
+        raise SkillError(f"the recording does not read back: {error}", "is the disk full?") from error
+    return sorted(entity for entity in found if not entity.startswith("/__"))
+
+
+def _log_all(stream: rr.RecordingStream, scene: Scene) -> None:
+    stream.send_recording_name(scene.title)
+    stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    stream.log("latent", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    document = rr.TextDocument(scene.provenance, media_type=rr.MediaType.MARKDOWN)
+    stream.log("provenance", document, static=True)
+    log_goals(stream, scene)
+    log_paths(stream, scene)
+    log_means(stream, scene)
+    log_curves(stream, scene)
+    played = clocks(scene)
+    if scene.model is not None and scene.trajectories.joint_position is not None:
+        log_model(stream, scene, played)
+    for clock in played:
+        log_moving(stream, scene, clock)
+        log_series(stream, scene, clock)

@@ -1,0 +1,42 @@
+"""The timelines of a recording: the chosen episodes one after another."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import rerun as rr
+
+from skillcli.trajectories import Array
+from skillcli.viz import motion
+from skillcli.viz.scene import Scene
+
+PAUSE_S = 0.5  # the arm rests between two episodes, so that the eye sees where one ends
+
+
+class Clock(NamedTuple):
+    """Where one played episode lies on the timelines."""
+
+    episode: int
+    first_step: int
+    start: float  # s
+
+    def columns(self, time: Array, rows: slice) -> list[rr.TimeColumn]:
+        """Time columns of these rows of the episode; `time` (T+1,) s."""
+        steps = np.arange(len(time))[rows]
+        since = np.round(1e9 * (time[rows] - time[0] + self.start)).astype("timedelta64[ns]")
+        return [
+            rr.TimeColumn("step", sequence=steps + self.first_step),
+            rr.TimeColumn("sim_time", duration=since),
+        ]
+
+
+def clocks(scene: Scene) -> list[Clock]:
+    """The played episodes, one after another."""
+    time, played, step, start = scene.trajectories.time, list[Clock](), 0, 0.0
+    for episode in motion.played(scene):
+        played.append(Clock(episode, step, start))
+        length = int(scene.trajectories.length[episode])
+        step += length + 1
+        start += float(time[length] - time[0]) + PAUSE_S
+    return played

@@ -1,0 +1,58 @@
+"""The latent space with the skills in it, and the markers that move through it and through space."""
+
+from __future__ import annotations
+
+import numpy as np
+import rerun as rr
+
+from skillcli.viz import motion
+from skillcli.viz.palette import BETWEEN, rgba
+from skillcli.viz.recording.clock import Clock
+from skillcli.viz.recording.layout import episode_color, extent, in_space, key, latent_extent, skill_colors
+from skillcli.viz.scene import Scene
+
+
+def log_means(stream: rr.RecordingStream, scene: Scene) -> None:
+    """The skills' latents: means with names, and one-sigma ellipsoids."""
+    if not len(scene.means):
+        return
+    means, stds, colors = in_space(scene.means), in_space(scene.stds), skill_colors(scene)
+    points = rr.Points3D(
+        means,
+        radii=latent_extent(scene) / 120,
+        colors=[rgba(c) for c in colors],
+        labels=list(scene.skills),
+        show_labels=True,
+    )
+    stream.log("latent/means", points, static=True)
+    thin = latent_extent(scene) / 1000  # an ellipsoid needs some height in a dimension the latent does not have
+    shells = rr.Ellipsoids3D(
+        centers=means,
+        half_sizes=np.maximum(stds, thin),
+        colors=[rgba(c, 0.3) for c in colors],
+        fill_mode=rr.components.FillMode.Solid,
+    )
+    stream.log("latent/one_sigma", shells, static=True)
+
+
+def log_moving(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
+    """A named marker on the judged point and one on the latent that is fed."""
+    data = scene.trajectories
+    length = int(data.length[clock.episode])
+    color = rgba(episode_color(scene, clock.episode))
+    # in the other kinds the goal's own label says it, and two on one place cannot be read
+    label = [scene.episode_labels[clock.episode]] if scene.kind == "transfer-eval" else None
+    fed = in_space(data.latent[clock.episode, :length])
+    for entity, rows, radius, where, labels in (
+        ("world/now", slice(0, length + 1), extent(scene) / 90, motion.path(scene, clock.episode), label),
+        ("latent/now", slice(0, length), latent_extent(scene) / 60, fed, None),
+    ):
+        if not len(where):
+            continue
+        # colour and name hold until the next episode begins; only the place changes with every step
+        first = rr.Points3D.columns(colors=[color], radii=[radius], labels=labels)
+        stream.send_columns(entity, clock.columns(data.time, slice(rows.start, rows.start + 1)), first)
+        stream.send_columns(entity, clock.columns(data.time, rows), rr.Points3D.columns(positions=where))
+    if length and np.any(data.latent[clock.episode, :length] != data.latent[clock.episode, 0]):
+        strip = rr.LineStrips3D([fed], colors=[rgba(BETWEEN)], radii=latent_extent(scene) / 300)
+        stream.log(f"latent/paths/{key(scene, clock.episode)}", strip, static=True)

@@ -1,0 +1,79 @@
+"""Names, colours and sizes that the parts of a recording agree on."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from skillcli.trajectories import Array
+from skillcli.viz import kinematics, motion
+from skillcli.viz.palette import BETWEEN, look
+from skillcli.viz.scene import Scene
+
+
+def key(scene: Scene, episode: int) -> str:
+    """The episode as one part of an entity path: sorted by number, readable by label."""
+    return f"{episode:03d}-{slug(scene.episode_labels[episode])}"
+
+
+def slug(text: str) -> str:
+    """Any text as one part of an entity path that needs no escapes."""
+    return re.sub(r"[^A-Za-z0-9_.-]+", "-", text).strip("-") or "unnamed"
+
+
+def group(scene: Scene, episode: int) -> str:
+    """The folder of an episode's path: its domain in a transfer, its skill where one skill ran, else "composed"."""
+    if scene.kind == "transfer-eval":
+        return slug(motion.domain(scene.episode_labels[episode]))
+    if scene.kind == "compose":
+        return "composed"
+    skill = motion.episode_skill(scene, episode)
+    return slug(scene.skills[skill]) if skill >= 0 else "no-skill"
+
+
+def skill_colors(scene: Scene) -> list[str]:
+    """One colour per skill, (K,)."""
+    return [look(k).color for k in range(len(scene.skills))]
+
+
+def episode_color(scene: Scene, episode: int) -> str:
+    """Colour of an episode as a whole: its domain's in a transfer, else its skill's."""
+    if scene.kind == "transfer-eval":
+        return look(list(motion.domains(scene)).index(motion.domain(scene.episode_labels[episode]))).color
+    first = motion.pieces(scene, episode)
+    return look(first[0].skill).color if len(first) == 1 else BETWEEN
+
+
+def curve_path(name: str) -> str:
+    """Where a learning curve is kept: "success/skill 1" is success/skill-1."""
+    return "/".join(slug(part) for part in name.split("/"))
+
+
+def in_space(latent: Array) -> Array:
+    """The first three components of latents, (n, d) → (n, 3), padded with zeros."""
+    padded = np.zeros((len(latent), 3))
+    shown = min(3, latent.shape[-1])
+    padded[:, :shown] = latent[:, :shown]
+    return padded
+
+
+def spread(scene: Scene) -> Array:
+    """The points that must be in sight, (n, 3) m."""
+    paths = [motion.path(scene, episode) for episode in range(scene.trajectories.episodes)]
+    base: list[Array] = []
+    if scene.model is not None and scene.trajectories.joint_position is not None:
+        base = [kinematics.body_poses(scene.model, scene.trajectories.joint_position[0, :1])[0][0, 1:]]
+    return np.concatenate([scene.goals.reshape(-1, 3), scene.waypoints.reshape(-1, 3), *paths, *base])
+
+
+def extent(scene: Scene) -> float:
+    """Diagonal of what must be in sight, m."""
+    points = spread(scene)
+    return float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
+
+
+def latent_extent(scene: Scene) -> float:
+    """Diagonal of the skills' latents with their spread, without unit."""
+    corners = np.concatenate([scene.means - scene.stds, scene.means + scene.stds])
+    return float(np.linalg.norm(np.ptp(corners, axis=0))) if len(corners) else 1.0

@@ -1,0 +1,61 @@
+"""What changes over control steps, and over the iterations of learning."""
+
+from __future__ import annotations
+
+import numpy as np
+import rerun as rr
+
+from skillcli.trajectories import Array
+from skillcli.viz import motion
+from skillcli.viz.palette import look, rgba
+from skillcli.viz.recording.clock import Clock
+from skillcli.viz.recording.layout import curve_path, episode_color, key
+from skillcli.viz.scene import Scene
+
+SYMBOLS = {"latent": "z", "joint_speed": "j"}
+
+
+def log_series(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
+    """What changes over the control steps of one played episode."""
+    for name, (rows, values) in _single(scene, clock.episode).items():
+        entity = f"series/{name}/{key(scene, clock.episode)}"
+        names, colors = [scene.episode_labels[clock.episode]], [rgba(episode_color(scene, clock.episode))]
+        stream.log(entity, rr.SeriesLines(colors=colors, names=names), static=True)
+        stream.send_columns(entity, clock.columns(scene.trajectories.time, rows), rr.Scalars.columns(scalars=values))
+    for name, (rows, values) in _several(scene, clock.episode).items():
+        first = 1 if name == "latent" else 0  # the arm's joints are counted from 0, as in the model
+        names = [f"{SYMBOLS[name]}{i + first}" for i in range(values.shape[-1])]
+        colors = [rgba(look(i).color) for i in range(len(names))]
+        stream.log(f"series/{name}", rr.SeriesLines(colors=colors, names=names), static=True)
+        columns = rr.Scalars.columns(scalars=values)
+        stream.send_columns(f"series/{name}", clock.columns(scene.trajectories.time, rows), columns)
+
+
+def _single(scene: Scene, episode: int) -> dict[str, tuple[slice, Array]]:
+    """One value per row: the rows of the clock, and the values, (rows,)."""
+    data, length = scene.trajectories, int(scene.trajectories.length[episode])
+    states, fed, after = slice(0, length + 1), slice(0, length), slice(1, length + 1)
+    return {
+        "distance": (states, motion.distance(scene, episode)),
+        "success": (states, motion.reached(scene, episode)),
+        "reward": (after, data.reward[episode, fed]),
+        "action_norm": (fed, np.linalg.norm(data.action[episode, fed], axis=-1)),
+    }
+
+
+def _several(scene: Scene, episode: int) -> dict[str, tuple[slice, Array]]:
+    """Several values per row: the rows of the clock, and the values, (rows, n)."""
+    data, length = scene.trajectories, int(scene.trajectories.length[episode])
+    found = {"latent": (slice(0, length), data.latent[episode, :length])}
+    if data.joint_position is not None and length:
+        moved = np.diff(data.joint_position[episode, : length + 1], axis=0)
+        found["joint_speed"] = (slice(1, length + 1), moved / np.diff(data.time[: length + 1])[:, None])
+    return found
+
+
+def log_curves(stream: rr.RecordingStream, scene: Scene) -> None:
+    """Learning curves over `iteration`; the values of each curve are kept as they are."""
+    for name, values in scene.curves.items():
+        index = [rr.TimeColumn("iteration", sequence=np.arange(len(values)))]
+        scalars = rr.Scalars.columns(scalars=np.asarray(values, dtype=float))
+        stream.send_columns(f"learning/{curve_path(name)}", index, scalars)

@@ -1,0 +1,145 @@
+"""What stands and moves in space: goals, paths, the bodies of the robot."""
+
+from __future__ import annotations
+
+import numpy as np
+import rerun as rr
+
+from skillcli.trajectories import Array
+from skillcli.viz import kinematics, motion
+from skillcli.viz.palette import BETWEEN, TARGET_IN_VIEWER, look, rgba
+from skillcli.viz.recording.clock import Clock
+from skillcli.viz.recording.layout import extent, group, key, skill_colors, slug
+from skillcli.viz.scene import Scene
+
+TOLERANCE_ALPHA = 64  # of 255
+
+
+def log_goals(stream: rr.RecordingStream, scene: Scene) -> None:
+    """The trained goals, and the waypoints; what had to be reached has its tolerance drawn around it."""
+    composed = len(scene.waypoints) > 0
+    colors = [rgba(color) for color in skill_colors(scene)]
+    dot, around = scene.tolerance / 6, None if composed else scene.tolerance
+    _log_spheres(stream, "world/goals", scene.goals, list(scene.skills), colors, dot, around)
+    if composed:
+        centers, names = _numbered(scene.waypoints)
+        white = [rgba(TARGET_IN_VIEWER)] * len(names)
+        _log_spheres(stream, "world/waypoints", centers, names, white, dot, scene.tolerance)
+
+
+def _numbered(waypoints: Array) -> tuple[Array, list[str]]:
+    """Distinct places among the waypoints, and what to call each: one place can be due twice."""
+    places, which = np.unique(waypoints, axis=0, return_inverse=True)
+    orders = [np.flatnonzero(which.ravel() == place) + 1 for place in range(len(places))]
+    return places, ["waypoint " + ", ".join(map(str, order)) for order in orders]
+
+
+def _log_spheres(
+    stream: rr.RecordingStream,
+    entity: str,
+    centers: Array,
+    names: list[str],
+    colors: list[tuple[int, int, int, int]],
+    dot: float,
+    tolerance: float | None,
+) -> None:
+    """Labelled points of radius `dot` (m); with a tolerance (m) each inside its translucent sphere."""
+    if not len(centers):
+        return
+    points = rr.Points3D(centers, radii=dot, colors=colors, labels=names, show_labels=True)
+    stream.log(f"{entity}/centers", points, static=True)
+    if tolerance is None:
+        return
+    spheres = rr.Ellipsoids3D(
+        centers=centers,
+        half_sizes=np.full((len(centers), 3), tolerance),
+        colors=[(*color[:3], TOLERANCE_ALPHA) for color in colors],
+        fill_mode=rr.components.FillMode.Solid,
+    )
+    stream.log(f"{entity}/tolerance", spheres, static=True)
+
+
+def log_paths(stream: rr.RecordingStream, scene: Scene) -> None:
+    """Every episode's path, cut where the skill changes.
+
+    A played episode is an entity of its own, the others of its skill or domain are one thin entity together: hundreds
+    of entities would make the file large and the viewer's list useless.
+    """
+    shown, width = motion.played(scene), extent(scene) / 500
+    for episode in shown:
+        entity = f"world/paths/{group(scene, episode)}/{key(scene, episode)}"
+        stream.log(entity, _strips(scene, [episode], width, 1.0), static=True)
+        if scene.trajectories.object_pose is not None and scene.trajectories.gripper_position is not None:
+            rows = int(scene.trajectories.length[episode]) + 1
+            hand = rr.LineStrips3D(
+                [scene.trajectories.gripper_position[episode, :rows]], colors=[rgba(BETWEEN)], radii=width / 3
+            )
+            stream.log(f"{entity}/gripper", hand, static=True)
+    rest: dict[str, list[int]] = {}
+    for episode in sorted(set(range(scene.trajectories.episodes)) - set(shown)):
+        rest.setdefault(group(scene, episode), []).append(episode)
+    for folder, episodes in rest.items():
+        stream.log(f"world/paths/{folder}/others", _strips(scene, episodes, width / 3, 0.5), static=True)
+
+
+def _strips(scene: Scene, episodes: list[int], radius: float, alpha: float) -> rr.LineStrips3D:
+    strips, colors = [], []
+    for episode in episodes:
+        moved = motion.path(scene, episode)
+        for part in motion.pieces(scene, episode):
+            strips.append(moved[part.start : part.stop + 1])
+            colors.append(rgba(look(part.skill).color, alpha))
+    return rr.LineStrips3D(strips, colors=colors, radii=radius)
+
+
+def log_model(stream: rr.RecordingStream, scene: Scene, clocks: list[Clock]) -> None:
+    """The bodies' shapes once, and their poses over the played episodes."""
+    data = scene.trajectories
+    assert data.joint_position is not None  # the caller has looked
+    visible = kinematics.shapes(scene.model)
+    for body, shapes in visible.items():
+        for form in sorted({shape.form for shape in shapes}):
+            archetype = _shape_archetype(form, [shape for shape in shapes if shape.form == form])
+            stream.log(f"{_body_entity(scene, body)}/{form}", archetype, static=True)
+    for clock in clocks:
+        rows = slice(0, int(data.length[clock.episode]) + 1)
+        box = None if data.object_pose is None else data.object_pose[clock.episode, rows]
+        positions, quaternions = kinematics.body_poses(scene.model, data.joint_position[clock.episode, rows], box)
+        for body in visible:
+            entity = _body_entity(scene, body)
+            if kinematics.moves(scene.model, body):
+                columns = rr.Transform3D.columns(translation=positions[:, body], quaternion=quaternions[:, body])
+                stream.send_columns(entity, clock.columns(data.time, rows), columns)
+            elif clock is clocks[0]:
+                pose = rr.Transform3D(
+                    translation=positions[0, body], quaternion=rr.Quaternion(xyzw=quaternions[0, body])
+                )
+                stream.log(entity, pose, static=True)
+
+
+def _body_entity(scene: Scene, body: int) -> str:
+    return f"world/model/{slug(kinematics.body_name(scene.model, body))}"
+
+
+def _shape_archetype(form: str, shapes: list[kinematics.Shape]) -> rr.AsComponents:
+    """Shapes of one form as one batch in the frame of their body."""
+    size = np.array([shape.size for shape in shapes])  # (n, 3)
+    position = np.array([shape.position for shape in shapes])  # (n, 3)
+    quaternion = np.array([shape.quaternion for shape in shapes])  # (n, 4)
+    colors = np.round(255 * np.array([shape.rgba for shape in shapes])).astype(np.uint8)
+    radii, lengths, solid = size[:, 0], 2 * size[:, 1], rr.components.FillMode.Solid
+    if form == "box":
+        return rr.Boxes3D(half_sizes=size, centers=position, quaternions=quaternion, colors=colors, fill_mode=solid)
+    if form == "ellipsoid":
+        return rr.Ellipsoids3D(
+            half_sizes=size, centers=position, quaternions=quaternion, colors=colors, fill_mode=solid
+        )
+    if form == "cylinder":
+        return rr.Cylinders3D(
+            lengths=lengths, radii=radii, centers=position, quaternions=quaternion, colors=colors, fill_mode=solid
+        )
+    # rerun's capsules begin at their origin and go up z, MuJoCo's are centred on it
+    start = position - size[:, 1:2] * kinematics.z_axis(quaternion)
+    return rr.Capsules3D(
+        lengths=lengths, radii=radii, translations=start, quaternions=quaternion, colors=colors, fill_mode=solid
+    )

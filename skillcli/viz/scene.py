@@ -1,0 +1,47 @@
+"""What there is to show: plain data of one artifact, handed over by a stage."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import mujoco  # type: ignore[import-untyped]
+
+from skillcli.trajectories import Array, Trajectories
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """One artifact as it is drawn. `E` episodes, `K` skills, `W` waypoints, latents of `d` components.
+
+    Positions are in the frame of the robot's base. In the model the joints of the arm are named `right_j0`,
+    `right_j1`, …, and the free joint of the box, where there is one, is named `box`.
+    """
+
+    title: str  # the artifact's id
+    kind: str  # "pretrain" | "embed-means" | "compose" | "transfer-eval"
+    task: str  # "point" | "reach" | "push"
+    provenance: str  # markdown
+    trajectories: Trajectories
+    model: mujoco.MjModel | None  # None for the point task
+    skills: tuple[str, ...]  # (K,) names
+    goals: Array  # (K, 3) m, the trained goals
+    waypoints: Array  # (W, 3) m, what a composition had to reach, in order
+    tolerance: float  # m, success radius
+    means: Array  # (K, d) of the skills' latents
+    stds: Array  # (K, d)
+    curves: Mapping[str, Array]  # learning curves by name, (iterations,) each; may be empty
+    episode_labels: tuple[str, ...]  # (E,) such as "skill 1", "skill 1, latent 3", "nominal 0", "mild 4"
+    intervals: Mapping[str, tuple[float, float, float]]  # per domain: success rate, its low and high end
+
+    def __post_init__(self) -> None:
+        """Refuse labels and skills that do not match the arrays they name."""
+        counts = {
+            "episode_labels": (len(self.episode_labels), self.trajectories.episodes),
+            "goals": (len(self.goals), len(self.skills)),
+            "means": (len(self.means), len(self.skills)),
+            "stds": (len(self.stds), len(self.skills)),
+        }
+        for name, (got, expected) in counts.items():
+            if got != expected:
+                raise ValueError(f"scene {self.title}: {name} has {got} rows, expected {expected}")

@@ -1,0 +1,44 @@
+"""Opening a recording with the viewer that was installed beside this Python."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from skillcli.errors import SkillError
+
+LOOPBACK = "127.0.0.1"
+STDERR = 2  # file descriptor: stdout is kept for results
+
+
+def open_viewer(path: Path) -> subprocess.Popen[bytes]:
+    """Start the native viewer on a recording, and leave it running when this process ends.
+
+    Raises:
+        SkillError: there is no such file, or no viewer.
+    """
+    quiet = subprocess.DEVNULL
+    return subprocess.Popen([*_command(path), "--bind", LOOPBACK], stdout=quiet, stderr=quiet, start_new_session=True)
+
+
+def serve_web(path: Path) -> subprocess.Popen[bytes]:
+    """Serve a recording to the browser, to this machine only: the viewer would listen on all interfaces by itself.
+
+    Its messages, with the address to open, go to this process's stderr.
+
+    Raises:
+        SkillError: there is no such file, or no viewer.
+    """
+    return subprocess.Popen([*_command(path), "--serve-web", "--bind", LOOPBACK], stdout=STDERR)
+
+
+def _command(path: Path) -> list[str]:
+    if not path.is_file():
+        raise SkillError(f"there is no recording {path}", "write it first: skill viz ID -o FILE.rrd")
+    beside = Path(sys.executable).parent
+    viewer = shutil.which("rerun", path=str(beside)) or shutil.which("rerun")
+    if viewer is None:
+        raise SkillError(f"the rerun viewer was not found beside {sys.executable}", "pip install rerun-sdk")
+    return [viewer, str(path)]

@@ -1,0 +1,74 @@
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from skillcli.errors import StoreError
+from skillcli.store import Store, load_checkpoint, remove_checkpoint, save_checkpoint
+
+ARRAYS: dict[str, Any] = {
+    "weights/policy/0": np.eye(3, dtype=np.float32),
+    "generator/torch": np.arange(256, dtype=np.uint8),
+}
+
+
+@pytest.fixture
+def path(store: Store) -> Path:
+    return store.checkpoint_path("run", "pretrain", "abcdef" * 10)
+
+
+def test_training_goes_on_exactly_where_it_was(store: Store, path: Path) -> None:
+    state = {
+        "iteration": 7,
+        "best": float("-inf"),
+        "lr": 0.1 + 0.2,
+        "generator": np.random.default_rng(3).bit_generator.state,
+    }
+    save_checkpoint(path, ARRAYS, state)
+    arrays, loaded = load_checkpoint(path)
+    assert loaded == state
+    assert arrays.keys() == ARRAYS.keys()
+    for name, array in ARRAYS.items():
+        np.testing.assert_array_equal(arrays[name], array)
+    assert path.name == ".checkpoint-pretrain-abcdefabcdef.h5"
+    assert store.ids() == []
+
+
+def test_a_failed_save_leaves_the_last_one(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    save_checkpoint(path, ARRAYS, {"iteration": 1})
+
+    def fail(*_: Any) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", fail)
+        with pytest.raises(StoreError, match="No space left"):
+            save_checkpoint(path, ARRAYS, {"iteration": 2})
+    assert load_checkpoint(path)[1] == {"iteration": 1}
+    save_checkpoint(path, ARRAYS, {"iteration": 3})
+    assert load_checkpoint(path)[1] == {"iteration": 3}
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_a_damaged_or_missing_checkpoint_is_refused(path: Path) -> None:
+    with pytest.raises(StoreError, match="No such file"):
+        load_checkpoint(path)
+    save_checkpoint(path, ARRAYS, {})
+    data = bytearray(path.read_bytes())
+    data[-100] ^= 4
+    path.write_bytes(data)
+    with pytest.raises(StoreError, match="bytes have changed"):
+        load_checkpoint(path)
+    remove_checkpoint(path)
+    remove_checkpoint(path)
+    assert not path.exists()
+
+
+def test_a_state_without_json_form_is_refused(path: Path) -> None:
+    with pytest.raises(StoreError, match="cannot be stored as JSON"):
+        save_checkpoint(path, ARRAYS, {"a": {1, 2}})

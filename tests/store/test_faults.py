@@ -1,0 +1,171 @@
+"""Crashes, full disks and many writers: what is under a final name is whole, and what failed says so."""
+
+from __future__ import annotations
+
+import errno
+import multiprocessing
+import os
+import resource
+import stat
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from skillcli.errors import StoreError
+from skillcli.store import Draft, Store, atomic
+
+Make = Callable[..., Draft]
+
+
+def _leftovers(store: Store) -> list[Path]:
+    return [path for path in store.root.rglob("*.h5") if path.is_file()]
+
+
+@contextmanager
+def _forked(work: Callable[[], None]) -> Iterator[multiprocessing.process.BaseProcess]:
+    process = multiprocessing.get_context("fork").Process(target=work)
+    process.start()
+    yield process
+    process.join()
+
+
+def test_concurrent_writers_get_different_versions(store: Store, make: Make) -> None:
+    def write_three(seed: int) -> None:
+        for _ in range(3):
+            store.write(make(seed=seed))
+
+    with ExitStack() as stack:
+        for seed in range(4):
+            stack.enter_context(_forked(partial(write_three, seed)))
+    ids = store.ids()
+    assert [str(one) for one in ids] == [f"run/embed-means-v{n}" for n in range(1, 13)]
+    assert sorted(store.read(one).seed for one in ids) == [0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3]
+
+
+def test_a_kill_leaves_no_damaged_artifact(store: Store, make: Make) -> None:
+    reader, writer = os.pipe()
+
+    def write_for_ever() -> None:
+        while True:
+            os.write(writer, f"{store.write(make()).id}\n".encode())
+
+    for pause in range(0, 60, 4):
+        with _forked(write_for_ever) as process:
+            reported = os.read(reader, 1 << 16)  # waits until it is at work
+            time.sleep(pause / 1000)
+            process.kill()
+        assert set(reported.decode().split()) <= {str(one) for one in store.ids()}
+    os.close(writer)
+    os.close(reader)
+    assert [problem for one in store.ids() for problem in store.verify(one)] == []
+
+
+@pytest.fixture(params=["open", "write", "fsync", "replace"])
+def broken(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The disk is full at one step of writing a file."""
+
+    def fail(*_: Any, **__: Any) -> Any:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    real = Path.open
+
+    def open_on_full_disk(path: Path, *arguments: Any, **more: Any) -> Any:
+        if not path.name.startswith(atomic.TEMPORARY):
+            return real(path, *arguments, **more)
+        return fail() if request.param == "open" else real(Path("/dev/full"), "wb")
+
+    if request.param in ("open", "write"):
+        monkeypatch.setattr(Path, "open", open_on_full_disk)
+    else:
+        monkeypatch.setattr(os, request.param, fail)
+    yield
+    monkeypatch.undo()
+
+
+def test_a_full_disk_is_reported_and_leaves_nothing(store: Store, make: Make, broken: None) -> None:
+    with pytest.raises(StoreError, match="No space left") as caught:
+        store.write(make())
+    assert "the disk is full" in caught.value.hint
+    assert "\n" not in caught.value.message
+    assert _leftovers(store) == []
+
+
+def test_a_file_that_may_not_grow_is_reported_and_leaves_nothing(store: Store, make: Make) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (5000, hard))
+    try:
+        with pytest.raises(StoreError, match="File too large"):
+            store.write(make())
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert _leftovers(store) == []
+
+
+def test_the_next_write_after_a_failure_succeeds(store: Store, make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: Any) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", fail)
+        with pytest.raises(StoreError, match="Input/output error"):
+            store.write(make())
+    assert store.write(make()).id.version == 2
+
+
+def test_an_interrupt_cleans_up_and_goes_on(store: Store, make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            store.write(make())
+    assert _leftovers(store) == []
+
+
+def test_a_disk_that_alters_bytes_is_noticed(store: Store, make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = os.fsync
+
+    def lose(handle: int) -> None:
+        real(handle)
+        if size := os.fstat(handle).st_size * stat.S_ISREG(os.fstat(handle).st_mode):
+            os.pwrite(handle, b"\x55", size // 2)
+
+    monkeypatch.setattr(os, "fsync", lose)
+    with pytest.raises(StoreError, match="bytes have changed"):
+        store.write(make("pretrain"))
+    assert _leftovers(store) == []
+
+
+def test_nothing_is_overwritten(store: Store, make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    one = store.write(make()).id
+    before = store.path(one).read_bytes()
+    monkeypatch.setattr(atomic, "claim_version", lambda *_: 1)
+    with pytest.raises(StoreError, match="File exists"):
+        store.write(make(seed=1))
+    assert store.path(one).read_bytes() == before
+
+
+def test_a_store_that_cannot_be_written_is_known_before_the_work(
+    store: Store, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store.check_writable("run")
+    assert _leftovers(store) == [] and list((store.root / "run").iterdir()) == []
+
+    def deny(*_: Any, **__: Any) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "open", deny)
+        with pytest.raises(StoreError, match="Read-only file system"):
+            store.check_writable("run")
+    (store.root / "taken").write_text("a file")
+    with pytest.raises(StoreError, match="cannot write in"):
+        store.check_writable("taken")
+    with pytest.raises(StoreError, match="cannot write in"):
+        store.write(make(name="taken"))

@@ -1,0 +1,258 @@
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py  # type: ignore[import-untyped,unused-ignore]
+import numpy as np
+import pytest
+
+from skillcli.errors import StoreError, UnknownArtifact
+from skillcli.store import STAGES, ArtifactId, Draft, Store
+from skillcli.store.provenance import git_state
+
+Make = Callable[..., Draft]
+
+
+@pytest.mark.parametrize("kind", STAGES)
+def test_what_is_written_is_read_back(store: Store, make: Make, kind: str) -> None:
+    draft = make(kind, command="skill café \udcff")
+    written = store.write(draft)
+    read = store.read(written.id)
+    assert str(read.id) == f"run/{kind}-v1"
+    assert read == written
+    assert read.arrays.keys() == draft.arrays.keys()
+    for path, array in draft.arrays.items():
+        np.testing.assert_array_equal(read.arrays[path], array)
+        assert read.arrays[path].dtype == np.asarray(array).dtype
+    assert read.command == draft.command
+    assert read.recipe == draft.recipe and read.recipe_name == "smoke"
+    assert read.results == {"success_rate": 0.5, "worst": None}
+    assert read.measured == {"wall_seconds": 1.5}
+    assert "numpy" in read.packages
+    assert read.bytes == store.path(read.id).stat().st_size
+    assert store.verify(read.id) == []
+
+
+def test_a_group_is_read_by_the_rest_of_its_paths(store: Store, make: Make) -> None:
+    artifact = store.write(make("pretrain"))
+    assert set(artifact.group("weights/policy")) == {"0.weight", "log_std"}
+    assert "time" in artifact.group("trajectories/")
+
+
+def test_other_hdf5_tools_find_names_units_and_provenance(store: Store, make: Make) -> None:
+    artifact = store.write(make("pretrain"))
+    with h5py.File(store.path(artifact.id)) as file:
+        goal = file["skills/goal"]
+        assert goal.attrs["dimensions"] == b"skill,xyz" and goal.attrs["unit"] == b"m"
+        assert goal.fletcher32
+        assert file["trajectories/time"].attrs["dimensions"] == b"step+1"
+        assert file["weights/policy/0.weight"].attrs["dimensions"] == b"axis0,axis1"
+        assert file.attrs["content_sha256"].decode() == artifact.content_sha256
+        assert file.attrs["seed"] == 0
+
+
+def test_big_endian_and_strided_arrays_hash_as_their_values_do(store: Store, make: Make) -> None:
+    draft = make()
+    given = {path: np.asarray(array) for path, array in draft.arrays.items()}
+    turned = {path: array.astype(array.dtype.newbyteorder(">")) for path, array in given.items()}
+    turned["embedding/mean"] = np.asfortranarray(turned["embedding/mean"])
+    same = store.write(replace(draft, arrays=turned))
+    assert same.content_sha256 == store.write(draft).content_sha256
+
+
+def test_large_arrays_in_several_chunks_survive(store: Store, make: Make) -> None:
+    weights = {"weights/a": np.random.default_rng(0).normal(size=(1001, 300)), "weights/b": np.zeros((3000, 500))}
+    draft = make("pretrain")
+    artifact = store.write(replace(draft, arrays={**draft.arrays, **weights}))
+    np.testing.assert_array_equal(store.read(artifact.id).arrays["weights/a"], weights["weights/a"])
+    assert artifact.bytes < 2.6e6  # the zeros are packed
+
+
+def test_large_arrays_of_zeros_are_no_bomb(store: Store, make: Make) -> None:
+    draft = make("pretrain")
+    artifact = store.write(replace(draft, arrays={**draft.arrays, "weights/a": np.zeros((70, 1 << 20), np.uint8)}))
+    assert artifact.bytes > 70 << 20
+    assert store.verify(artifact.id) == []
+
+
+def test_the_content_hash_ignores_names_times_and_speeds(store: Store, make: Make) -> None:
+    first = store.write(make())
+    again = make(name="other", command="skill again", measured={"wall_seconds": 9.0}, inputs_sha256="f" * 64)
+    second = store.write(again)
+    assert first.content_sha256 == second.content_sha256
+    assert first.created_utc < second.created_utc
+
+
+def test_the_content_hash_sees_every_change_of_meaning(store: Store, make: Make) -> None:
+    base = make()
+    nudged = {path: np.array(array) for path, array in base.arrays.items()}
+    nudged["embedding/mean"][3, 1] = np.nextafter(nudged["embedding/mean"][3, 1], np.inf)
+    parent = store.write(make("pretrain")).id
+    changed: list[dict[str, Any]] = [
+        {},
+        {"arrays": nudged},
+        {"arrays": {**base.arrays, "skills/goal": np.asarray(base.arrays["skills/goal"], np.float32)}},
+        {"seed": 1},
+        {"results": {"success_rate": 0.6}},
+        {"recipe": {"name": "smoke", "rate": 2e-3}},
+        {"parents": [parent]},
+        {"model_sha256": "n" * 64},
+    ]
+    hashes = {store.write(replace(base, **change)).content_sha256 for change in changed}
+    assert len(hashes) == len(changed)
+
+
+def test_versions_count_up_and_are_never_used_again(store: Store, make: Make) -> None:
+    first, second = store.write(make()).id, store.write(make()).id
+    assert (first.version, second.version) == (1, 2)
+    store.remove(second)
+    assert store.ids() == [first]
+    assert store.write(make()).id.version == 3
+
+
+def test_a_version_that_came_without_its_claim_is_not_used_again(store: Store, make: Make) -> None:
+    one = store.write(make()).id
+    (store.root / "run/.claims/embed-means-v1").unlink()
+    store.remove(one)
+    assert store.write(make()).id.version == 2
+
+
+def test_removing_is_refused_while_something_depends_on_it(store: Store, make: Make) -> None:
+    parent = store.write(make("pretrain")).id
+    child = store.write(make("embed-means", parents=[parent])).id
+    grandchild = store.write(make("compose", parents=[child, parent])).id
+    assert store.dependents(parent) == [child, grandchild]
+    assert store.lineage(grandchild) == [child, parent]
+    with pytest.raises(StoreError, match="run/embed-means-v1, run/compose-v1 depend on it"):
+        store.remove(parent)
+    store.remove(grandchild)
+    store.remove(child)
+    store.remove(parent)
+    assert store.ids() == []
+
+
+def test_many_parents_outgrow_the_smallest_block(store: Store, make: Make) -> None:
+    parents = [store.write(make(seed=seed)).id for seed in range(3)] * 20
+    artifact = store.write(make("compose", parents=parents))
+    assert [parent.id for parent in store.header(artifact.id).parents] == parents
+    assert store.verify(artifact.id) == []
+
+
+def test_a_missing_parent_is_refused_before_anything_is_written(store: Store, make: Make) -> None:
+    with pytest.raises(UnknownArtifact, match="run/pretrain-v7"):
+        store.write(make(parents=[ArtifactId("run", "pretrain", 7)]))
+    assert not store.root.exists()
+
+
+def test_verify_reports_parents_that_are_gone_or_changed(store: Store, make: Make) -> None:
+    parent = store.write(make("pretrain")).id
+    child = store.write(make(parents=[parent])).id
+    other = store.write(make("pretrain", name="other", seed=1)).id
+    path = store.path(parent)
+    path.unlink()
+    assert "no artifact 'run/pretrain-v1'" in store.verify(child)[0]
+    path.write_bytes(store.path(other).read_bytes())
+    assert "holds pretrain 'other/pretrain-v1'" in store.verify(child)[0]
+
+
+def test_finished_work_is_found_by_its_inputs(store: Store, make: Make) -> None:
+    first, second = store.write(make()).id, store.write(make(name="other")).id
+    inputs = make().inputs_sha256
+    assert store.find("embed-means", inputs) == second
+    assert store.find("embed-means", inputs, name="run") == first
+    assert store.find("compose", inputs) is None
+    assert store.find("embed-means", "") is None
+
+
+def test_without_an_id_the_newest_that_fits_is_meant(store: Store, make: Make) -> None:
+    with pytest.raises(UnknownArtifact, match="no artifact of pretrain") as caught:
+        store.resolve(None, ["pretrain"])
+    assert "skill pretrain" in caught.value.hint
+    store.write(make("pretrain", name="z"))
+    newest = store.write(make("pretrain", name="a")).id
+    last = store.write(make("compose", name="a")).id
+    assert store.resolve(None, ["pretrain"]) == newest
+    assert store.resolve("") == last
+    assert store.resolve("z").name == "z"
+
+
+def test_a_damaged_file_does_not_hide_the_others(store: Store, make: Make) -> None:
+    good, bad, cut = (store.write(make()).id for _ in range(3))
+    store.path(bad).write_bytes(b"not an artifact")
+    store.path(cut).write_bytes(store.path(cut).read_bytes()[:-1])
+    (store.root / "run/.tmp-compose-v1-1-ff.h5").write_bytes(b"half")
+    (store.root / "notes.txt").write_text("mine")
+    headers, unreadable = store.listing()
+    assert [header.id for header in headers] == [good]
+    assert [one.id for one in unreadable] == [bad, cut]
+    store.remove(bad)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"embedding/mean": None}, "embedding/mean is missing"),
+        ({"trajectories/position": None}, "one of trajectories/joint_position"),
+        ({"surprise/x": np.zeros(3)}, "unknown array surprise/x"),
+        ({"record/recipe": np.zeros(3)}, "cannot be stored under this path"),
+        ({"embedding/../x": np.zeros(3)}, "cannot be stored under this path"),
+        ({"embedding/std": np.zeros((4, 3))}, "skill = 4, expected 5 by embedding/goal_distance"),
+        ({"skills/goal": np.zeros((5, 2))}, "xyz = 2, expected 3"),
+        ({"trajectories/time": np.zeros(4)}, r"step\+1 = 4, expected 5"),
+        ({"trajectories/latent": np.zeros((2, 4, 9))}, "latent = 9, expected 3"),
+        ({"trajectories/length": np.zeros((2, 1))}, r"must be \(episode\), got shape \(2, 1\)"),
+        ({"embedding/mean": np.array([[object()]])}, "has the type object"),
+        ({"embedding/mean": np.zeros((5, 3), complex)}, "has the type complex128"),
+    ],
+)
+def test_arrays_that_do_not_fit_the_kind_are_refused(
+    store: Store, make: Make, changes: dict[str, Any], message: str
+) -> None:
+    draft = make()
+    arrays = {path: array for path, array in {**draft.arrays, **changes}.items() if array is not None}
+    with pytest.raises(StoreError, match=message):
+        store.write(replace(draft, arrays=arrays))
+    assert not store.root.exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"kind": "other"}, "unknown kind, 'other'"),
+        ({"name": "../up"}, "not an artifact id"),
+        ({"seed": 2**63}, "does not fit"),
+        ({"results": {"a": [1, {2, 3}]}}, r"results\.a\[1\] cannot be stored as JSON: set"),
+        ({"recipe": {1: 2}}, "recipe cannot be stored"),
+    ],
+)
+def test_drafts_that_cannot_be_kept_are_refused(
+    store: Store, make: Make, changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(StoreError, match=message):
+        store.write(replace(make(), **changes))
+    assert not store.root.exists()
+
+
+def test_curves_may_differ_in_length(store: Store, make: Make) -> None:
+    draft = make("pretrain")
+    store.write(replace(draft, arrays={**draft.arrays, "curves/evaluation": np.zeros(2)}))
+
+
+def test_the_git_state_is_that_of_the_checkout(tmp_path: Path) -> None:
+    def git(*arguments: str) -> None:
+        identity = ["-c", "user.name=n", "-c", "user.email=e@example.org"]
+        subprocess.run(["git", "-C", str(tmp_path), *identity, *arguments], check=True, capture_output=True)
+
+    git("init")
+    (tmp_path / "code.py").write_text("1")
+    git("add", ".")
+    git("commit", "-m", "first")
+    commit, dirty = git_state(tmp_path)
+    assert len(commit) == 40 and not dirty
+    (tmp_path / "code.py").write_text("2")
+    assert git_state(tmp_path) == (commit, True)
+    assert git_state(Path("/")) == ("", False)

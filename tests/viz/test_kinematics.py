@@ -1,0 +1,73 @@
+"""Poses and shapes against MuJoCo itself."""
+
+from importlib import resources
+
+import mujoco
+import numpy as np
+import pytest
+import scenes
+
+from skillcli.errors import SkillError
+from skillcli.viz import kinematics
+
+POSTURES = np.array([[0.3, -0.5, 1.1], [-1.2, 0.4, 0.7]])
+
+
+def test_poses_are_those_of_mujoco_with_the_scalar_of_the_quaternion_last() -> None:
+    model = scenes.arm_model(with_box=True)
+    pose = np.array([[0.6, 0.1, 0.02, 0.8, 0.0, 0.0, 0.6], [0.5, 0.0, 0.03, 0.6, 0.8, 0.0, 0.0]])
+    positions, quaternions = kinematics.body_poses(model, POSTURES, pose)
+    for row in range(2):
+        data = mujoco.MjData(model)
+        for i in range(3):
+            data.joint(f"right_j{i}").qpos[0] = POSTURES[row, i]
+        data.joint("box").qpos[:] = pose[row]
+        mujoco.mj_forward(model, data)
+        assert np.allclose(positions[row], data.xpos)
+        assert np.allclose(quaternions[row], data.xquat[:, [1, 2, 3, 0]])
+
+
+def test_a_missing_joint_is_named_with_what_there_is() -> None:
+    with pytest.raises(SkillError, match="no joint 'right_j3'") as caught:
+        kinematics.body_poses(scenes.arm_model(), np.zeros((1, 4)))
+    assert "'right_j2'" in caught.value.hint
+
+
+def test_z_axis_of_a_rotated_shape() -> None:
+    rotation = np.array([[0.0, np.sin(np.pi / 4), 0.0, np.cos(np.pi / 4)]])  # a quarter turn about y
+    assert kinematics.z_axis(rotation) == pytest.approx(np.array([[1.0, 0.0, 0.0]]), abs=1e-12)
+
+
+def test_every_body_with_geoms_is_drawn_also_by_collision_geoms_alone() -> None:
+    model = scenes.arm_model()
+    found = kinematics.shapes(model)
+    names = {kinematics.body_name(model, body): [shape.form for shape in shapes] for body, shapes in found.items()}
+    assert names == {"table": ["box"], "base": ["cylinder"], "upper": ["capsule", "ellipsoid"], "lower": ["capsule"]}
+
+
+def test_collision_geoms_are_left_out_where_a_body_is_dressed() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body name="b">
+        <geom type="box" size=".1 .1 .1"/><geom type="sphere" size=".2" group="3"/>
+        <geom type="sphere" size=".2" rgba="1 1 1 0"/>
+        </body></worldbody></mujoco>"""
+    )
+    assert [shape.form for shape in kinematics.shapes(model)[1]] == ["box"]
+
+
+def test_a_material_wins_over_the_colour_of_the_geom() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><asset><material name="m" rgba=".1 .2 .3 1"/></asset>
+        <worldbody><geom type="sphere" size=".2" material="m"/></worldbody></mujoco>"""
+    )
+    assert kinematics.shapes(model)[0][0].rgba == pytest.approx([0.1, 0.2, 0.3, 1.0])
+
+
+def test_the_robot_itself_is_drawn_whole() -> None:
+    source = resources.files("skillcli.envs") / "models" / "sawyer.xml"
+    if not source.is_file():
+        pytest.skip("the robot's model is not here")
+    model = mujoco.MjModel.from_xml_path(str(source))
+    drawn = {kinematics.body_name(model, body) for body in kinematics.shapes(model)}
+    assert {f"right_l{i}" for i in range(7)} <= drawn
+    kinematics.body_poses(model, np.zeros((1, 7)))

@@ -1,0 +1,112 @@
+"""What the pictures read out of trajectories, against numbers worked by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scenes
+
+from skillcli.viz import motion
+
+
+def test_a_waypoint_is_passed_where_the_path_leads_away_again() -> None:
+    line = np.array([[x, 0.0, 0.0] for x in (0.0, 0.8, 0.95, 1.1, 2.0, 3.0)])
+    targets = np.array([[1.0, 0.0, 0.0], [3.0, 0.0, 0.0]])
+    # 0.8 is within 0.3 but 0.95 is nearer; from 0.95 (0.05) the path goes to 1.1 (0.1), so row 2 passes
+    assert motion.due(line, targets, 0.3).tolist() == [0, 0, 0, 1, 1, 1, 2]
+
+
+def test_waypoints_count_in_order_only() -> None:
+    line = np.array([[3.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
+    assert motion.due(line, np.array([[1.0, 0.0], [3.0, 0.0]]), 0.1).tolist() == [0, 0, 1, 1]
+
+
+def _along(points: list[float], waypoints: list[float]) -> motion.Scene:
+    """A point task that runs along x through these places, one step each."""
+    base = scenes.make("compose", "point")
+    count = len(points)
+    data = base.trajectories.select([0])
+    position = np.stack([np.array(points), np.zeros(count)], axis=-1)[None]
+    steps = count - 1
+    data = replace(
+        data,
+        time=0.05 * np.arange(count),
+        position=position,
+        latent=data.latent[:, :steps],
+        skill=data.skill[:, :steps],
+        action=data.action[:, :steps],
+        reward=data.reward[:, :steps],
+        length=np.array([steps]),
+    )
+    spots = np.array([[x, 0.0, 0.0] for x in waypoints])
+    return replace(base, trajectories=data, waypoints=spots, tolerance=0.3)
+
+
+def test_the_nearest_pass_counts_only_while_due_and_the_last_waypoint_stays_due() -> None:
+    scene = _along([0.0, 0.9, 2.0, 2.8, 2.7, 2.95], [1.0, 3.0])
+    assert motion.closest(scene, 0) == pytest.approx([0.1, 0.05])
+    assert motion.reached(scene, 0).tolist() == [0.0, 0.5, 0.5, 1.0, 1.0, 1.0]
+
+
+def test_a_waypoint_that_never_became_due_has_no_nearest_pass() -> None:
+    closest = motion.closest(_along([0.0, 0.1, 0.2], [1.0, 3.0]), 0)
+    assert closest[0] == pytest.approx(0.8)
+    assert np.isnan(closest[1])
+
+
+def test_distance_is_to_the_waypoint_that_is_due() -> None:
+    scene = _along([0.0, 0.9, 2.0, 2.8], [1.0, 3.0])
+    assert motion.distance(scene, 0) == pytest.approx([1.0, 0.1, 1.0, 0.2])
+
+
+def test_a_box_is_judged_in_the_table_plane() -> None:
+    scene = scenes.make("embed-means", "push")
+    data = scene.trajectories
+    assert data.object_pose is not None
+    lifted = data.object_pose.copy()
+    lifted[..., 2] += 0.5
+    raised = replace(scene, trajectories=replace(data, object_pose=lifted))
+    assert motion.distance(raised, 0) == pytest.approx(motion.distance(scene, 0))
+
+
+def test_pieces_are_cut_where_the_skill_changes_and_a_blend_is_one_piece() -> None:
+    scene = _along([0.0] * 7, [1.0])
+    latent = np.array([[[1.0, 0], [1, 0], [0.8, 0], [0.6, 0], [0, 0], [0, 0]]])
+    skill = np.array([[0, 0, -1, -1, 1, 1]])
+    scene = replace(scene, trajectories=replace(scene.trajectories, latent=latent, skill=skill))
+    assert motion.pieces(scene, 0) == [(0, 2, 0), (2, 4, -1), (4, 6, 1)]
+
+
+def test_two_held_latents_between_skills_stay_two_pieces() -> None:
+    scene = _along([0.0] * 5, [1.0])
+    latent = np.array([[[1.0, 0], [1, 0], [0.5, 0], [0.5, 0]]])
+    scene = replace(scene, trajectories=replace(scene.trajectories, latent=latent, skill=np.full((1, 4), -1)))
+    assert motion.pieces(scene, 0) == [(0, 2, -1), (2, 4, -1)]
+
+
+def test_a_sampled_latent_belongs_to_the_skill_whose_goal_it_had() -> None:
+    scene = scenes.make("pretrain", "reach", sampled=2)
+    skills = [motion.episode_skill(scene, episode) for episode in range(scene.trajectories.episodes)]
+    assert skills == [*range(8), *(k for k in range(8) for _ in range(2))]
+    assert motion.mean_episodes(scene) == {k: k for k in range(8)}
+
+
+def test_a_transfer_plays_the_worst_of_each_domain_worst_first() -> None:
+    scene = scenes.make("transfer-eval", "point")
+    gaps = np.linalg.norm(scene.trajectories.judged[:, -1] - scene.trajectories.target, axis=-1)
+    expected = [6 * d + int(e) for d in range(3) for e in np.argsort(-gaps[6 * d : 6 * d + 6])[:2]]
+    assert motion.played(scene) == expected
+
+
+def test_labels_name_their_domain() -> None:
+    assert [motion.domain(label) for label in ("real-like 4", "my lab 12", "nominal")] == [
+        "real-like",
+        "my lab",
+        "nominal",
+    ]
+
+
+def test_a_scene_refuses_labels_that_do_not_match_its_episodes() -> None:
+    scene = scenes.make("compose", "point")
+    with pytest.raises(ValueError, match="episode_labels has 2 rows, expected 1"):
+        replace(scene, episode_labels=("a", "b"))
