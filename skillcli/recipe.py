@@ -101,6 +101,9 @@ class Embedding(Section):
 
     size: int = value(3, "dimensions of the latent space", "", ge=1, le=64)
     window: int = value(6, "observations that the inference network sees", "steps", ge=1, le=64)
+    arrangement: Literal["goals", "random"] = value(
+        "goals", "means start arranged as the goals are, which makes the latent space a map; or spread at random", ""
+    )
     initial_std: float = value(0.3, "standard deviation of p(z|t) at the start", "", gt=0)
     min_std: float = value(0.05, "lower bound of the standard deviation of p(z|t)", "", gt=0)
     max_std: float = value(0.5, "upper bound of the standard deviation of p(z|t)", "", gt=0)
@@ -141,7 +144,9 @@ class Training(Section):
     minibatch: int = value(4096, "samples per gradient step", "samples", ge=1)
     clip: float = value(0.2, "clipping range of the policy ratio", "", gt=0, lt=1)
     learning_rate: float = value(1e-3, "step size at the start, and of value and inference", "", gt=0, le=1)
-    target_kl: float = value(0.01, "the policy's step size is adapted to this KL divergence per update", "nat", gt=0)
+    target_kl: float = value(
+        0.01, "the step size is adapted to this KL divergence per update, which shrinks linearly to a twentieth", "nat", gt=0
+    )
     max_grad_norm: float = value(0.5, "gradients are clipped to this norm", "", gt=0)
     reward_scale: float = value(5.0, "factor on the task's reward", "", gt=0)
     value_scale: float = value(10.0, "value targets are divided by this", "", gt=0)

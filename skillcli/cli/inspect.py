@@ -104,9 +104,7 @@ def tasks(context: typer.Context) -> None:
     table = Table("task", "what it is", "compositions")
     for name, description in DESCRIPTIONS.items():
         table.add_row(name, description, ", ".join(COMPOSITIONS[name]))
-    listed = [
-        {"name": name, "description": text, "compositions": COMPOSITIONS[name]} for name, text in DESCRIPTIONS.items()
-    ]
+    listed = [{"name": name, "description": text, "compositions": COMPOSITIONS[name]} for name, text in DESCRIPTIONS.items()]
     session.result({"tasks": listed}, table)
 
 
@@ -127,7 +125,9 @@ def domains(context: typer.Context) -> None:
         {
             "name": domain.name,
             "description": domain.description,
-            "parameters": {name: {"range": str(values), "unit": PARAMETERS[name][1]} for name, values in domain.parameters.items()},
+            "parameters": {
+                name: {"range": str(values), "unit": PARAMETERS[name][1]} for name, values in domain.parameters.items()
+            },
         }
         for domain in DOMAINS.values()
     ]

@@ -63,9 +63,7 @@ def pretrain(
     session: Session = context.obj
     resolved = load_recipe(recipe, overrides or ())
     with session.progress() as report:
-        artifact = stage(
-            session.store, resolved, seed, name or resolved.name, session.command, resume, threads, report
-        )
+        artifact = stage(session.store, resolved, seed, name or resolved.name, session.command, resume, threads, report)
     session.result(payload(artifact), _pretrain_table(artifact), _next(f"skill embed-means {artifact.id}"))
 
 
@@ -109,7 +107,9 @@ def compose(
     with session.progress() as report:
         artifact = stage(session.store, found, recipe, request, method, session.command, name, report)
     if not artifact.results["success"]:
-        session.say("[yellow]the plan does not meet every waypoint[/]: try --set search.budget=50000 or search.interpolated=true")
+        session.say(
+            "[yellow]the plan does not meet every waypoint[/]: try --set search.budget=50000 or search.interpolated=true"
+        )
     session.result(payload(artifact), _plan_table(artifact), _next(f"skill transfer-eval {artifact.id}"))
 
 

@@ -161,9 +161,7 @@ class UniformCostSearch:
         return (node.due, *at.tolist(), int(node.speed > self.settings.final_speed))
 
 
-def search(
-    planner: UniformCostSearch, world: LatentEnvironment, batch: int, tell: Callable[[int, int], None]
-) -> Node:
+def search(planner: UniformCostSearch, world: LatentEnvironment, batch: int, tell: Callable[[int, int], None]) -> Node:
     """Run a search to its end; returns the goal node, or the nearest one when the budget is spent.
 
     Args:

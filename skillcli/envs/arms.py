@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from skillcli.envs.sawyer import JOINTS, LIMIT_MARGIN
 
 Array = NDArray[Any]
-_POSITION_STAGE = int(mujoco.mjtStage.mjSTAGE_POS)
+# Positions and velocities at the new state; a persistent batch goes on from there, so they cost nothing extra.
+_NEW_STATE = int(mujoco.mjtStage.mjSTAGE_VEL)
 
 
 class Arms:
@@ -36,7 +37,7 @@ class Arms:
 
     def __init__(self, model: mujoco.MjModel, num: int, substeps: int, action_limit: float, threads: int = 0) -> None:
         self.model, self.num, self.substeps, self.action_limit = model, num, substeps, action_limit
-        self.batch = Batch(model, num, threads)
+        self.batch = Batch(model, num, threads, persistent=True)
         joints = [model.joint(name) for name in JOINTS]
         self._qpos_address = np.array([joint.qposadr[0] for joint in joints])
         limits = np.array([joint.range for joint in joints])
@@ -67,7 +68,7 @@ class Arms:
             samples = self._history.shape[1] // len(JOINTS) - 2
             blocks = self._history.reshape(self.num, len(JOINTS), samples + 2)
             blocks[ids, :, 2:][..., samples:] = q[..., None]
-        self.batch.forward(ids, stage=_POSITION_STAGE)
+        self.batch.forward(ids, stage=_NEW_STATE)
 
     def move(self, increment: Array) -> Array:
         """Add increments (N, 7) rad to the commanded targets and advance by one control step.
@@ -79,7 +80,7 @@ class Arms:
         measured = self.joint_position
         target = np.clip(self._ctrl + increment, measured - self.LEASH, measured + self.LEASH)
         np.clip(target, self._low, self._high, out=self._ctrl)
-        self.batch.step(nstep=self.substeps, stage=_POSITION_STAGE)
+        self.batch.step(nstep=self.substeps, stage=_NEW_STATE)
         return increment
 
     def save(self, ids: Array) -> Array:
@@ -90,7 +91,7 @@ class Arms:
     def restore(self, ids: Array, rows: Array) -> None:
         """Put saved states into these slots."""
         self.batch.state[ids] = rows
-        self.batch.forward(ids, stage=_POSITION_STAGE)
+        self.batch.forward(ids, stage=_NEW_STATE)
 
     def perturb(self, parameters: Mapping[str, Array]) -> None:
         """Make each simulation a robot of its own; see `skillcli.envs.domains.PARAMETERS` for names and units.

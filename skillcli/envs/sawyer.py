@@ -43,7 +43,11 @@ def arm_spec(timestep: float, delay: bool = False) -> mujoco.MjSpec:
         actuator.nsample = DELAY_SAMPLES if delay else 0
     table = spec.worldbody.add_body(name="table", pos=[*_TABLE_CENTRE, TABLE_TOP - _TABLE_HALF_SIZE[2]])
     table.add_geom(
-        name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=_TABLE_HALF_SIZE, rgba=[0.78, 0.72, 0.62, 1], friction=[0.6, 0.005, 1e-4]
+        name="table",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=_TABLE_HALF_SIZE,
+        rgba=[0.78, 0.72, 0.62, 1],
+        friction=[0.6, 0.005, 1e-4],
     )
     return spec
 

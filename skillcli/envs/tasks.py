@@ -65,7 +65,9 @@ def named_waypoints(task: Task, name: str) -> Array:
     """
     known = COMPOSITIONS[task.name]
     if name not in known:
-        raise UsageError(f"no composition {name!r} for the {task.name} task", f"compositions: {', '.join(known)}; or give --goal")
+        raise UsageError(
+            f"no composition {name!r} for the {task.name} task", f"compositions: {', '.join(known)}; or give --goal"
+        )
     return np.array(known[name])
 
 

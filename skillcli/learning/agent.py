@@ -8,7 +8,16 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from skillcli.learning.networks import Embedding, Inference, Normalizer, Policy, Value
+from skillcli.learning.networks import (
+    CLIP,
+    Embedding,
+    Inference,
+    Normalizer,
+    Policy,
+    Value,
+    arranged,
+    spread,
+)
 from skillcli.recipe import Recipe
 from skillcli.seeding import torch_generator
 from skillcli.trajectories import Array
@@ -21,21 +30,25 @@ class Agent(nn.Module):
         recipe: gives the sizes.
         observation: observation size o.
         action: action size a.
-        skills: number of skills K.
+        goals: (K, 3) m, one per skill; they only arrange the embedding's first means.
         seed: of the initial weights.
     """
 
-    def __init__(self, recipe: Recipe, observation: int, action: int, skills: int, seed: int = 0) -> None:
+    def __init__(self, recipe: Recipe, observation: int, action: int, goals: Array, seed: int = 0) -> None:
         super().__init__()
         embedding, network = recipe.embedding, recipe.network
-        self.window, self.skills, self.latent_size = embedding.window, skills, embedding.size
+        skills = len(goals)
+        self.window, self.skills = embedding.window, skills
         make = torch_generator(seed, "networks")
         self.normalizer = Normalizer(observation)
-        self.policy = Policy(
-            observation, embedding.size, action, network.policy_hidden, network.initial_action_std, make
-        )
+        self.policy = Policy(observation, embedding.size, action, network.policy_hidden, network.initial_action_std, make)
         bounds = (embedding.min_std, embedding.max_std)
-        self.embedding = Embedding(skills, embedding.size, embedding.initial_std, bounds, make)
+        first_means = (
+            arranged(torch.as_tensor(goals, dtype=torch.float32), embedding.size, make)
+            if embedding.arrangement == "goals"
+            else spread(skills, embedding.size, make)
+        )
+        self.embedding = Embedding(first_means, embedding.initial_std, bounds)
         window_size = embedding.window * observation
         self.inference = Inference(window_size, embedding.size, network.inference_hidden, make)
         self.value = Value(observation, embedding.size, skills, network.value_hidden, make)
@@ -66,6 +79,37 @@ class Agent(nn.Module):
     def load(self, arrays: Mapping[str, Array]) -> None:
         """Take weights as `arrays` gave them."""
         self.load_state_dict({name: torch.from_numpy(np.array(array)) for name, array in arrays.items()})
+
+
+class Actor:
+    """pi's mean for latents that stay the same over an episode: their part of the first layer is computed once.
+
+    Collecting data calls this once per control step, between two steps of the physics; it gives the same numbers as
+    `Agent.act` up to rounding.
+
+    Args:
+        agent: its weights are read now; later updates do not change this actor.
+        latent: (N, d).
+    """
+
+    def __init__(self, agent: Agent, latent: Array) -> None:
+        with torch.no_grad():
+            first, *rest = (layer for layer in agent.policy.body if isinstance(layer, nn.Linear))
+            size = agent.normalizer.mean.shape[0]
+            self._mean, self._scale = agent.normalizer.mean.clone(), agent.normalizer.scale()
+            self._weight = first.weight[:, :size].T.contiguous()
+            self._offset = torch.addmm(first.bias, torch.as_tensor(latent, dtype=torch.float32), first.weight[:, size:].T)
+            self._rest = [(layer.bias.detach().clone(), layer.weight.detach().T.contiguous()) for layer in rest]
+
+    @torch.no_grad()
+    def __call__(self, observation: Array) -> Array:
+        """Deterministic actions: raw observations (N, o) float32 to (N, a)."""
+        normalized = ((torch.from_numpy(observation) - self._mean) * self._scale).clamp_(-CLIP, CLIP)
+        x = torch.addmm(self._offset, normalized, self._weight)
+        for bias, weight in self._rest:
+            x = torch.addmm(bias, x.tanh_(), weight)
+        action: Array = x.numpy()
+        return action
 
 
 def one_hot(skill: Tensor, skills: int) -> Tensor:

@@ -35,7 +35,7 @@ class Learner:
     def __init__(self, env: VectorEnvironment, recipe: Recipe, seed: int) -> None:
         torch.set_num_threads(1)  # results must not depend on how many cores there are
         self.env, self.recipe = env, recipe
-        self.agent = Agent(recipe, env.observation_size, env.action_size, len(env.goals), seed)
+        self.agent = Agent(recipe, env.observation_size, env.action_size, env.goals, seed)
         self.optimizers = te_ppo.Optimizers.of(self.agent, recipe.training.learning_rate)
         self.pool = StartPool(POOL_CAPACITY)
         self.rng = generator(seed, "training")
@@ -60,7 +60,8 @@ class Learner:
         if self.iteration == 0:  # before the first update there is nothing to normalise by
             self.agent.normalizer.update(seen)
         batch, prepared = te_ppo.prepare(rollout, self.agent, training)
-        updated = te_ppo.update(batch, self.agent, self.optimizers, training, self.rng)
+        progress = self.iteration / training.iterations
+        updated = te_ppo.update(batch, self.agent, self.optimizers, training, progress, self.rng)
         if self.iteration > 0:
             self.agent.normalizer.update(seen)
         self.iteration += 1

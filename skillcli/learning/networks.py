@@ -52,13 +52,11 @@ class Policy(nn.Module):
 class Embedding(nn.Module):
     """p(z|t): per skill a mean in (-1, 1) and a standard deviation within bounds."""
 
-    def __init__(
-        self, skills: int, latent: int, std: float, bounds: tuple[float, float], generator: torch.Generator
-    ) -> None:
+    def __init__(self, mean: Tensor, std: float, bounds: tuple[float, float]) -> None:
         super().__init__()
         self.bounds = bounds
-        self.raw_mean = nn.Parameter(torch.atanh(spread(skills, latent, generator)))
-        self.raw_std = nn.Parameter(torch.full((skills, latent), inverse_bounded_std(std, *bounds)))
+        self.raw_mean = nn.Parameter(torch.atanh(mean))
+        self.raw_std = nn.Parameter(torch.full_like(mean, inverse_bounded_std(std, *bounds)))
 
     @property
     def mean(self) -> Tensor:
@@ -84,6 +82,24 @@ def spread(points: int, dimensions: int, generator: torch.Generator) -> Tensor:
     return x
 
 
+def arranged(goals: Tensor, dimensions: int, generator: torch.Generator) -> Tensor:
+    """Points arranged as the goals are, in the cube [-0.8, 0.8]^d: (K, 3) m to (K, d).
+
+    Principal axes of the goals, each divided by the root of its singular value: long axes shrink towards short ones, so
+    that skills whose goals are close still get latents apart, and distances keep their order. A random spread where the
+    goals do not tell all skills apart.
+    """
+    centred = goals - goals.mean(0)
+    left, singular, _ = torch.linalg.svd(centred, full_matrices=False)
+    rank = int((singular > 1e-6 * singular.max().clamp(min=1e-12)).sum())
+    x = torch.zeros(len(goals), dimensions)
+    used = min(rank, dimensions)
+    x[:, :used] = left[:, :used] * singular[:used].sqrt()
+    x = 0.8 * x / x.abs().max().clamp(min=1e-6)
+    separate = len(goals) == 1 or float(torch.pdist(x).min()) > 0.2
+    return x if separate else spread(len(goals), dimensions, generator)
+
+
 class Inference(nn.Module):
     """q(z|window): a Gaussian over latents from the last H observations."""
 
@@ -102,9 +118,7 @@ class Inference(nn.Module):
 class Value(nn.Module):
     """V(s,z,t), in units of the value scale; it may know the skill, the policy may not."""
 
-    def __init__(
-        self, observation: int, latent: int, skills: int, hidden: Sequence[int], generator: torch.Generator
-    ) -> None:
+    def __init__(self, observation: int, latent: int, skills: int, hidden: Sequence[int], generator: torch.Generator) -> None:
         super().__init__()
         self.body = mlp([observation + latent + skills, *hidden, 1], 1.0, generator)
 
@@ -112,6 +126,9 @@ class Value(nn.Module):
         """(..., o), (..., d), (..., K) to (...,)."""
         value: Tensor = self.body(torch.cat([observation, latent, skill_one_hot], -1)).squeeze(-1)
         return value
+
+
+CLIP = 5.0  # normalised observations stay within this many standard deviations
 
 
 class Normalizer(nn.Module):
@@ -128,8 +145,12 @@ class Normalizer(nn.Module):
         self.register_buffer("count", torch.zeros(()))
 
     def forward(self, observation: Tensor) -> Tensor:
-        """(..., o) to zero mean and unit variance, clipped to ±5."""
-        return ((observation - self.mean) / (self.variance + 1e-6).sqrt()).clamp(-5.0, 5.0)
+        """(..., o) to zero mean and unit variance, clipped."""
+        return ((observation - self.mean) * self.scale()).clamp(-CLIP, CLIP)
+
+    def scale(self) -> Tensor:
+        """(o,) one over the standard deviation."""
+        return (self.variance + 1e-6).rsqrt()
 
     @torch.no_grad()
     def update(self, observation: Tensor) -> None:

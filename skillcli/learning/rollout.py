@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 import torch
 
-from skillcli.learning.agent import Agent
+from skillcli.learning.agent import Actor, Agent
 from skillcli.trajectories import Array
 
 
@@ -83,9 +83,7 @@ class StartPool:
         return drawn
 
 
-def start_episodes(
-    env: VectorEnvironment, pool: StartPool, chained: float, rng: np.random.Generator
-) -> Array:
+def start_episodes(env: VectorEnvironment, pool: StartPool, chained: float, rng: np.random.Generator) -> Array:
     """Give every simulation a skill and a start; returns the skills (N,), equally many of each."""
     skills = rng.permutation(np.arange(env.num) % len(env.goals))
     continued = rng.random(env.num) < chained if pool.filled else np.zeros(env.num, dtype=bool)
@@ -98,9 +96,7 @@ def start_episodes(
 
 
 @torch.no_grad()
-def collect(
-    env: VectorEnvironment, agent: Agent, pool: StartPool, chained: float, rng: np.random.Generator
-) -> Rollout:
+def collect(env: VectorEnvironment, agent: Agent, pool: StartPool, chained: float, rng: np.random.Generator) -> Rollout:
     """Run one episode in every simulation, and keep some of the states passed for later starts."""
     steps, num = env.horizon, env.num
     skill = start_episodes(env, pool, chained, rng)
@@ -116,13 +112,12 @@ def collect(
     terminated, valid = np.zeros((steps, num), dtype=bool), np.ones((steps, num), dtype=bool)
     everyone = np.arange(num)
     alive = np.ones(num, dtype=bool)
-    latent_tensor = torch.from_numpy(latent)
+    act = Actor(agent, latent)
 
     started = time.perf_counter()
     observation[0] = env.observe()
     for t in range(steps):
-        normalized = agent.normalizer(torch.from_numpy(observation[t]))
-        np.add(agent.policy(normalized, latent_tensor).numpy(), exploration[t], out=action[t])
+        np.add(act(observation[t]), exploration[t], out=action[t])
         step = env.step(action[t])
         observation[t + 1], reward[t], terminated[t], valid[t] = step.observation, step.reward, step.terminated, alive
         alive &= ~step.terminated

@@ -49,12 +49,15 @@ def augmented_reward(reward: Array, log_q: Array, training: Training) -> Array:
 
 
 def adapted_learning_rate(rate: float, kl: float, target: float) -> float:
-    """A smaller step where the policy moved too far, a larger one where it hardly moved; within [1e-5, 3e-3]."""
+    """A smaller step where the policy moved too far, a larger one where it hardly moved; within [1e-5, 1e-2]."""
     if kl > 2.0 * target:
         rate /= 1.5
     elif kl < 0.5 * target:
         rate *= 1.5
     return min(max(rate, 1e-5), 1e-2)
+
+
+FINAL_KL_SHARE = 0.05  # of the target KL, at the end of training
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,7 @@ class Optimizers:
 
         def adam(*modules: torch.nn.Module) -> torch.optim.Adam:
             weights = [weight for module in modules for weight in module.parameters()]
-            return torch.optim.Adam(weights, lr=rate, eps=1e-5)
+            return torch.optim.Adam(weights, lr=rate, eps=1e-5, fused=True)
 
         return Optimizers(adam(agent.policy, agent.embedding), adam(agent.value), adam(agent.inference))
 
@@ -138,15 +141,18 @@ def prepare(rollout: Rollout, agent: Agent, training: Training) -> tuple[Batch, 
 
 
 def update(
-    batch: Batch, agent: Agent, optimizers: Optimizers, training: Training, rng: np.random.Generator
+    batch: Batch, agent: Agent, optimizers: Optimizers, training: Training, progress: float, rng: np.random.Generator
 ) -> dict[str, float]:
     """Several epochs over one batch. Policy and embedding, and value and inference, share no weights: two threads.
+
+    The target KL shrinks with the training's progress, from 0 to 1: the last steps settle instead of wandering.
 
     Each thread runs its own torch operations on one core, so the result does not depend on how many cores there are.
     """
     orders = [rng.permutation(len(batch.skill)) for _ in range(training.epochs)]
     with ThreadPoolExecutor(2, initializer=torch.set_num_threads, initargs=(1,)) as threads:
-        actor = threads.submit(_update_actor, batch, agent, optimizers, training, orders)
+        target_kl = training.target_kl * max(FINAL_KL_SHARE, 1.0 - progress)
+        actor = threads.submit(_update_actor, batch, agent, optimizers, training, target_kl, orders)
         critic = threads.submit(_update_critics, batch, agent, optimizers, training, orders)
         return actor.result() | critic.result()
 
@@ -166,7 +172,7 @@ def _descend(optimizer: torch.optim.Adam, loss: Tensor, max_norm: float) -> None
 
 
 def _update_actor(
-    batch: Batch, agent: Agent, optimizers: Optimizers, training: Training, orders: list[Array]
+    batch: Batch, agent: Agent, optimizers: Optimizers, training: Training, target_kl: float, orders: list[Array]
 ) -> dict[str, float]:
     kl = 0.0
     for order in orders:
@@ -180,7 +186,7 @@ def _update_actor(
             _descend(optimizers.policy, loss, training.max_grad_norm)
             divergences.append(float(approximate_kl(log_prob.detach(), old)))
         kl = sum(divergences) / len(divergences)
-        optimizers.policy_rate = adapted_learning_rate(optimizers.policy_rate, kl, training.target_kl)
+        optimizers.policy_rate = adapted_learning_rate(optimizers.policy_rate, kl, target_kl)
     return {
         "kl": kl,
         "learning_rate": optimizers.policy_rate,

@@ -22,20 +22,14 @@ class Link:
     reused: bool
 
 
-def run_chain(
-    store: Store, recipe: Recipe, seed: int, name: str, command: str, report: Report = silent
-) -> Iterator[Link]:
+def run_chain(store: Store, recipe: Recipe, seed: int, name: str, command: str, report: Report = silent) -> Iterator[Link]:
     """Pretrain, embed-means, compose and transfer-eval as the recipe says, each yielded when it is there.
 
     Raises:
         SkillError: any of them fails; those before it stay.
     """
     found = store.find("pretrain", training.inputs_of(recipe, seed), name)
-    skills = (
-        store.read(found)
-        if found
-        else training.pretrain(store, recipe, seed, name, command, resume=True, report=report)
-    )
+    skills = store.read(found) if found else training.pretrain(store, recipe, seed, name, command, resume=True, report=report)
     yield Link(skills, found is not None)
 
     found = store.find("embed-means", embedding.inputs_of(skills), name)
@@ -44,11 +38,7 @@ def run_chain(
 
     request = composing.Request.of(recipe, "", ())
     found = store.find("compose", composing.inputs_of(means, recipe, request, "search"), name)
-    plan = (
-        store.read(found)
-        if found
-        else composing.compose(store, means.id, recipe, request, "search", command, report=report)
-    )
+    plan = store.read(found) if found else composing.compose(store, means.id, recipe, request, "search", command, report=report)
     yield Link(plan, found is not None)
 
     domains, episodes = recipe.transfer.domains, recipe.transfer.episodes

@@ -184,8 +184,7 @@ def _results(
         "success": bool(recording.success[0]),
         **effort,
         "segments": [
-            {"skill": segment.label, "latent": segment.latent.tolist(), "seconds": segment.steps * period}
-            for segment in plan
+            {"skill": segment.label, "latent": segment.latent.tolist(), "seconds": segment.steps * period} for segment in plan
         ],
         "waypoints": [
             {"target": target.tolist(), "closest_m": float(near)}

@@ -52,7 +52,7 @@ def open_library(store: Store, artifact: Artifact) -> Library:
     weights = source.group("weights")
     observation = weights["normalizer.mean"].shape[0]
     action = weights["policy.log_std"].shape[0]
-    agent = Agent(recipe, observation, action, len(source.arrays["skills/goal"]))
+    agent = Agent(recipe, observation, action, source.arrays["skills/goal"])
     agent.load(weights)
     arrays = source.arrays
     return Library(source, recipe, agent, arrays["embedding/mean"], arrays["embedding/std"], arrays["skills/goal"])

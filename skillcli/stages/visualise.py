@@ -38,9 +38,7 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
         stds=library.std,
         curves=artifact.group("curves"),
         episode_labels=_labels(artifact, library.names, recording),
-        intervals={
-            domain["name"]: (domain["success_rate"], *domain["ci95"]) for domain in artifact.results.get("domains", [])
-        },
+        intervals={domain["name"]: (domain["success_rate"], *domain["ci95"]) for domain in artifact.results.get("domains", [])},
     )
 
 

@@ -189,9 +189,7 @@ def _storage(array: Array, gzip: bool) -> dict[str, Any]:
         return {}
     pieces = min(len(array), -(-array.nbytes // _CHUNK_BYTES))
     rows = -(-len(array) // pieces)  # equal pieces: the last one is stored at full size too
-    packing = (
-        {"compression": "gzip", "compression_opts": 4, "shuffle": True} if gzip and _is_worth_packing(array) else {}
-    )
+    packing = {"compression": "gzip", "compression_opts": 4, "shuffle": True} if gzip and _is_worth_packing(array) else {}
     return {"chunks": (rows, *array.shape[1:]), "fletcher32": True, **packing}
 
 

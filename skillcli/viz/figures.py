@@ -193,9 +193,7 @@ def _skill_legend(drawn: Figure, scene: Scene, skills: range | list[int]) -> Non
     ]
     if scene.kind in ("compose", "transfer-eval"):
         for mark, filling, name in (("o", "white", "start"), ("o", "black", "success"), ("X", "white", "failure")):
-            handles.append(
-                Line2D([], [], color="black", ls="none", marker=mark, mfc=filling, ms=4, mew=0.8, label=name)
-            )
+            handles.append(Line2D([], [], color="black", ls="none", marker=mark, mfc=filling, ms=4, mew=0.8, label=name))
         handles.append(Line2D([], [], color="black", ls="none", marker="+", ms=6, label="goal of a skill"))
     if scene.trajectories.object_pose is not None and scene.trajectories.gripper_position is not None:
         handles.append(Line2D([], [], color=BETWEEN, lw=0.6, label="gripper"))

@@ -113,9 +113,7 @@ def latent_components(axes: Axes, scene: Scene, episode: int) -> None:
     fed = scene.trajectories.latent[episode, : len(time) - 1]
     for i, values in enumerate(fed.T):
         # every dash and colour differs, so that components are told apart without colour
-        axes.stairs(
-            values, time, baseline=None, color=COLORS[i % 8], ls=DASHES[i % 4], lw=1.4, label=f"$z_{{{i + 1}}}$"
-        )
+        axes.stairs(values, time, baseline=None, color=COLORS[i % 8], ls=DASHES[i % 4], lw=1.4, label=f"$z_{{{i + 1}}}$")
     low, high = (float(fed.min()), float(fed.max())) if fed.size else (0.0, 1.0)
     room = max(high - low, 0.1)
     axes.set(ylim=(low - 0.08 * room, high + 0.3 * room), ylabel="latent component", xlim=(0, time[-1]))

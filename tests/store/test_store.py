@@ -209,9 +209,7 @@ def test_a_damaged_file_does_not_hide_the_others(store: Store, make: Make) -> No
         ({"embedding/mean": np.zeros((5, 3), complex)}, "has the type complex128"),
     ],
 )
-def test_arrays_that_do_not_fit_the_kind_are_refused(
-    store: Store, make: Make, changes: dict[str, Any], message: str
-) -> None:
+def test_arrays_that_do_not_fit_the_kind_are_refused(store: Store, make: Make, changes: dict[str, Any], message: str) -> None:
     draft = make()
     arrays = {path: array for path, array in {**draft.arrays, **changes}.items() if array is not None}
     with pytest.raises(StoreError, match=message):
@@ -229,9 +227,7 @@ def test_arrays_that_do_not_fit_the_kind_are_refused(
         ({"recipe": {1: 2}}, "recipe cannot be stored"),
     ],
 )
-def test_drafts_that_cannot_be_kept_are_refused(
-    store: Store, make: Make, changes: dict[str, Any], message: str
-) -> None:
+def test_drafts_that_cannot_be_kept_are_refused(store: Store, make: Make, changes: dict[str, Any], message: str) -> None:
     with pytest.raises(StoreError, match=message):
         store.write(replace(make(), **changes))
     assert not store.root.exists()

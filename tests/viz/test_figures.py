@@ -30,9 +30,7 @@ def titles(drawn: Figure) -> list[str]:
         ("transfer-eval", "push"),
     ],
 )
-def test_every_kind_gives_a_picture_with_ink(
-    kind: str, task: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_kind_gives_a_picture_with_ink(kind: str, task: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(figures, "DPI", 60)  # coarse is enough here, and quick
     figure(scenes.make(kind, task), tmp_path / "scene.png")
     pixels = imread(tmp_path / "scene.png")[..., :3]

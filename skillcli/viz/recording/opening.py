@@ -61,9 +61,7 @@ def _space_views(scene: Scene) -> rrb.View | rrb.Container:
 
 def _latent_view(scene: Scene) -> rrb.View:
     corners = np.concatenate([in_space(scene.means - scene.stds), in_space(scene.means + scene.stds), np.zeros((1, 3))])
-    return rrb.Spatial3DView(
-        origin="/latent", name="latent space", eye_controls=_eye(corners, flat=scene.means.shape[-1] < 3)
-    )
+    return rrb.Spatial3DView(origin="/latent", name="latent space", eye_controls=_eye(corners, flat=scene.means.shape[-1] < 3))
 
 
 def _series_tabs(scene: Scene) -> rrb.Container:

@@ -111,9 +111,7 @@ def log_model(stream: rr.RecordingStream, scene: Scene, clocks: list[Clock]) -> 
                 columns = rr.Transform3D.columns(translation=positions[:, body], quaternion=quaternions[:, body])
                 stream.send_columns(entity, clock.columns(data.time, rows), columns)
             elif clock is clocks[0]:
-                pose = rr.Transform3D(
-                    translation=positions[0, body], quaternion=rr.Quaternion(xyzw=quaternions[0, body])
-                )
+                pose = rr.Transform3D(translation=positions[0, body], quaternion=rr.Quaternion(xyzw=quaternions[0, body]))
                 stream.log(entity, pose, static=True)
 
 
@@ -131,9 +129,7 @@ def _shape_archetype(form: str, shapes: list[kinematics.Shape]) -> rr.AsComponen
     if form == "box":
         return rr.Boxes3D(half_sizes=size, centers=position, quaternions=quaternion, colors=colors, fill_mode=solid)
     if form == "ellipsoid":
-        return rr.Ellipsoids3D(
-            half_sizes=size, centers=position, quaternions=quaternion, colors=colors, fill_mode=solid
-        )
+        return rr.Ellipsoids3D(half_sizes=size, centers=position, quaternions=quaternion, colors=colors, fill_mode=solid)
     if form == "cylinder":
         return rr.Cylinders3D(
             lengths=lengths, radii=radii, centers=position, quaternions=quaternion, colors=colors, fill_mode=solid
