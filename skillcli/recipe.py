@@ -60,6 +60,7 @@ class PointTask(SkillSet):
     tolerance: float = value(0.1414, "success radius: the diagonal of one step", "m", gt=0)
     horizon: int = value(50, "control steps in an episode", "steps", ge=2, le=10_000)
     step_limit: float = value(0.1, "largest move per axis and control step", "m", gt=0)
+    control_period: float = value(0.05, "time between two commands; nominal, the point has no physics", "s", gt=0, le=1)
     bound: float = value(5.0, "positions are clipped to this on either axis", "m", gt=0)
 
 

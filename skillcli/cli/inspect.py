@@ -139,7 +139,7 @@ def doctor(context: typer.Context) -> None:
     from rich.table import Table
 
     session: Session = context.obj
-    checks = _packages() + [_writable(session), _physics(), ("cores", f"{os.cpu_count()}", True)]
+    checks = [*_packages(), _writable(session), _physics(), ("cores", f"{os.cpu_count()}", True)]
     table = Table("what", "found", "")
     for what, found, fine in checks:
         table.add_row(what, found, "[green]ok[/]" if fine else "[red]problem[/]")

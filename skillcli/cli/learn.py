@@ -248,8 +248,8 @@ def _plan_table(artifact: Artifact) -> Table:
         table.add_row(str(index + 1), target, _centimetres(waypoint["closest_m"]))
     steps = " ".join(f"{segment['skill']}:{segment['seconds']:.2f}s" for segment in found["segments"])
     table.caption = (
-        f"{'success' if found['success'] else 'no success'}, ends {_centimetres(found['final_distance_m'])} from the last goal; "
-        f"planned in {artifact.measured['planning_seconds']:.1f} s, {found['expanded_nodes']} nodes\nplan {steps}"
+        f"{'success' if found['success'] else 'no success'}, "
+        f"ends {_centimetres(found['final_distance_m'])} from the last goal; planned in {artifact.measured['planning_seconds']:.1f} s, {found['expanded_nodes']} nodes\nplan {steps}"
     )
     return table
 

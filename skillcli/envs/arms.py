@@ -56,7 +56,8 @@ class Arms:
     @property
     def gripper_position(self) -> Array:
         """The judged site in the base frame, (N, 3) m; a live view."""
-        return self._site
+        site: Array = self._site
+        return site
 
     def place(self, ids: Array, joint_position: Array) -> None:
         """Put arms at rest at joint positions (n, 7) rad, clipped to the joint range, their servos holding them there."""

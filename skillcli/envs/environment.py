@@ -33,6 +33,7 @@ class Environment(Protocol):
     goals: Array  # (K, 3) m, the goal of each skill
     tolerance: float  # m
     target: Array  # (N, 3) m, the goal that the reward looks at
+    applied: Array  # (N, a) the action of the last step as it was applied, rad or m
 
     def reset(self, ids: Array, skill: Array) -> None:
         """Put these simulations at the start, with the goals of these skills (n,), and their clocks at zero."""

@@ -19,10 +19,10 @@ class PointEnvironment:
 
     observation_size = 2
     action_size = 2
-    control_period = 0.05  # s; nominal, so that a recording has a clock
 
     def __init__(self, task: PointTask, num: int) -> None:
         self.num, self.horizon, self.tolerance = num, task.horizon, task.tolerance
+        self.control_period = task.control_period
         self._step_limit: Array = np.full((num, 1), task.step_limit)
         self._bound = task.bound
         self._noise: Array | None = None  # sensor noise of a transfer domain, (N, 1) m

@@ -5,6 +5,7 @@ Names follow the paper: policy pi(a|s,z), embedding p(z|t), inference q(z|window
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -17,7 +18,7 @@ from skillcli.learning.gaussian import bounded_std, inverse_bounded_std
 def mlp(sizes: Sequence[int], last_gain: float, generator: torch.Generator) -> nn.Sequential:
     """A tanh multilayer perceptron, sizes from input to output, orthogonal weights, zero biases."""
     layers: list[nn.Module] = []
-    for i, (fan_in, fan_out) in enumerate(zip(sizes[:-1], sizes[1:], strict=True)):
+    for i, (fan_in, fan_out) in enumerate(itertools.pairwise(sizes)):
         last = i == len(sizes) - 2
         linear = nn.Linear(fan_in, fan_out)
         nn.init.orthogonal_(linear.weight, last_gain if last else math.sqrt(2.0), generator=generator)

@@ -34,12 +34,12 @@ class Script:
         """The script of a compose artifact, or of the skills of any other kind."""
         if source.kind == "compose":
             trajectory = source.group("trajectories")
-            repeat = [np.repeat(trajectory[name], episodes, axis=0) for name in ("latent", "skill")]
-            return Script(*repeat, np.zeros(episodes, dtype=np.int64), source.arrays["waypoints/target"])
-        skill = np.arange(episodes) % len(library.mean)
+            latent, skill = (np.repeat(trajectory[name], episodes, axis=0) for name in ("latent", "skill"))
+            return Script(latent, skill, np.zeros(episodes, dtype=np.int64), source.arrays["waypoints/target"])
+        turn = np.arange(episodes) % len(library.mean)
         horizon = library.recipe.task.horizon
-        latent = np.repeat(library.mean[skill][:, None], horizon, axis=1)
-        return Script(latent, np.repeat(skill[:, None], horizon, axis=1), skill, np.zeros((0, 3)))
+        latent = np.repeat(library.mean[turn][:, None], horizon, axis=1)
+        return Script(latent, np.repeat(turn[:, None], horizon, axis=1), turn, np.zeros((0, 3)))
 
 
 def inputs_of(source: Artifact, domains: Sequence[str], episodes: int, seed: int) -> str:
@@ -82,7 +82,8 @@ def transfer_eval(
     library = open_library(store, source)
     distinct = 1 if source.kind == "compose" else len(library.mean)  # the source is deterministic: more would repeat
     reference, _ = run_on(library, Script.of(source, library, distinct), find_domain("nominal"), seed)
-    recordings, parameters = [], {}
+    recordings: list[Trajectories] = []
+    parameters: dict[str, Array] = {}
     for done, target in enumerate(targets):
         report(Progress("transfer-eval", done, len(targets), "domains", note=target.name))
         recording, drawn = run_on(library, Script.of(source, library, episodes), target, seed)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import mujoco  # type: ignore[import-untyped]
+import mujoco
 import numpy as np
 
 from skillcli.errors import SkillError

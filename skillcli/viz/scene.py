@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import mujoco  # type: ignore[import-untyped]
+import mujoco
 
 from skillcli.trajectories import Array, Trajectories
 
