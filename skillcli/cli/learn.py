@@ -63,7 +63,9 @@ def pretrain(
     session: Session = context.obj
     resolved = load_recipe(recipe, overrides or ())
     with session.progress() as report:
-        artifact = stage(session.store, resolved, seed, name or resolved.name, session.command, resume, threads, report)
+        artifact = stage(
+            session.store, resolved, seed, checked(name) or resolved.name, session.command, resume, threads, report
+        )
     session.result(payload(artifact), _pretrain_table(artifact), _next(f"skill embed-means {artifact.id}"))
 
 
@@ -77,7 +79,7 @@ def embed_means(
     found = session.pick(source, "pretrain")
     from skillcli.stages.embed_means import embed_means as stage
 
-    artifact = stage(session.store, found, session.command, name)
+    artifact = stage(session.store, found, session.command, checked(name))
     session.result(payload(artifact), _means_table(artifact), _next(f"skill compose {artifact.id} --method search"))
 
 
@@ -105,7 +107,7 @@ def compose(
     recipe = resolve(session.store.read(found).recipe, overrides or ())
     request = Request.of(recipe, task, goals)
     with session.progress() as report:
-        artifact = stage(session.store, found, recipe, request, method, session.command, name, report)
+        artifact = stage(session.store, found, recipe, request, method, session.command, checked(name), report)
     if not artifact.results["success"]:
         session.say(
             "[yellow]the plan does not meet every waypoint[/]: try --set search.budget=50000 or search.interpolated=true"
@@ -134,7 +136,15 @@ def transfer_eval(
     domains = list(dict.fromkeys(domain or recipe.transfer.domains))
     with session.progress() as report:
         artifact = stage(
-            session.store, found, recipe, domains, episodes or recipe.transfer.episodes, seed, session.command, name, report
+            session.store,
+            found,
+            recipe,
+            domains,
+            episodes or recipe.transfer.episodes,
+            seed,
+            session.command,
+            checked(name),
+            report,
         )
     session.result(payload(artifact), _transfer_table(artifact), _next(f"skill viz {artifact.id} --png transfer.png"))
 
@@ -164,14 +174,15 @@ def _chain(session: Session, recipe: str, seed: int, name: str | None, overrides
     from skillcli.stages.visualise import draw, record
 
     resolved = load_recipe(recipe, overrides or ())
-    folder = name or resolved.name
+    folder = checked(name) or resolved.name
     tables = {
         "pretrain": _pretrain_table, "embed-means": _means_table, "compose": _plan_table, "transfer-eval": _transfer_table
     }  # fmt: skip
     reports: dict[str, Any] = {}
     with session.progress() as report:
         for link in run_chain(session.store, resolved, seed, folder, session.command, report):
-            session.say(f"{link.artifact.id}{' (used again)' if link.reused else ''}")
+            if link.reused:
+                session.say(f"{link.artifact.id}: nothing changed, used again")
             reports[link.artifact.kind] = {**payload(link.artifact), "reused": link.reused}
             if not session.json:
                 session.result({}, tables[link.artifact.kind](link.artifact))
@@ -187,6 +198,23 @@ def _chain(session: Session, recipe: str, seed: int, name: str | None, overrides
         f"figures: {', '.join(pictures)}",
         f"recording: {recording} (open it with `skill viz {reports['compose']['id']} --open`)",
     )
+
+
+def checked(name: str | None) -> str | None:
+    """The first part of a new id, as given.
+
+    Raises:
+        UsageError: it cannot be one.
+    """
+    from skillcli.errors import StoreError
+    from skillcli.store import ArtifactId
+
+    if name is not None:
+        try:
+            ArtifactId(name, "pretrain", 1)
+        except StoreError as error:
+            raise UsageError(f"--name {name!r} cannot be part of an id", error.hint) from None
+    return name
 
 
 def _numbers(text: str) -> list[float]:
@@ -207,7 +235,7 @@ def _centimetres(metres: float | None) -> str:
 def _table(title: str, *columns: str) -> Table:
     from rich.table import Table
 
-    table = Table(title=title, title_justify="left", title_style="bold")
+    table = Table(title=title, title_justify="left", title_style="bold", caption_justify="left")
     for index, column in enumerate(columns):
         table.add_column(column, justify="left" if index == 0 else "right")
     return table
@@ -249,7 +277,8 @@ def _plan_table(artifact: Artifact) -> Table:
     steps = " ".join(f"{segment['skill']}:{segment['seconds']:.2f}s" for segment in found["segments"])
     table.caption = (
         f"{'success' if found['success'] else 'no success'}, "
-        f"ends {_centimetres(found['final_distance_m'])} from the last goal; planned in {artifact.measured['planning_seconds']:.1f} s, {found['expanded_nodes']} nodes\nplan {steps}"
+        f"ends {_centimetres(found['final_distance_m'])} from the last goal; "
+        f"planned in {artifact.measured['planning_seconds']:.1f} s, {found['expanded_nodes']} nodes\nplan {steps}"
     )
     return table
 

@@ -185,7 +185,7 @@ class Store:
         path = self._existing(artifact_id)
         if dependents := self.dependents(artifact_id):
             names = ", ".join(map(str, dependents[:5])) + (" and more" if len(dependents) > 5 else "")
-            raise StoreError(f"cannot remove {artifact_id}: {names} depend on it", "remove those first")
+            raise StoreError(f"cannot remove {artifact_id}: made from it: {names}", "remove those first")
         with storage_errors(f"remove {path}"):
             atomic.keep_claim(path.parent, path.stem)
             path.unlink()

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skillcli.metrics import final_distance
+from skillcli.metrics import final_distance, ordered_approach
 from skillcli.trajectories import Array
 from skillcli.viz.scene import Scene
 
@@ -129,15 +129,9 @@ def distance(scene: Scene, episode: int) -> Array:
 
 
 def closest(scene: Scene, episode: int) -> Array:
-    """Closest approach to each waypoint while it was due, (W,) m; NaN for one that never became due.
-
-    The last waypoint stays due to the end.
-    """
+    """Closest approach to each waypoint in its turn, (W,) m: the figure that the composition itself reports."""
     moved, waypoints, _ = _judged(scene, episode)
-    order, gaps = due(moved, waypoints, scene.tolerance)[:-1], distance(scene, episode)
-    order = np.minimum(order, len(waypoints) - 1)
-    nearest = np.array([gaps[order == w].min(initial=np.inf) for w in range(len(waypoints))])
-    return np.where(np.isfinite(nearest), nearest, np.nan)
+    return ordered_approach(moved, waypoints)
 
 
 def reached(scene: Scene, episode: int) -> Array:

@@ -48,10 +48,8 @@ def test_the_nearest_pass_counts_only_while_due_and_the_last_waypoint_stays_due(
     assert motion.reached(scene, 0).tolist() == [0.0, 0.5, 0.5, 1.0, 1.0, 1.0]
 
 
-def test_a_waypoint_that_never_became_due_has_no_nearest_pass() -> None:
-    closest = motion.closest(_along([0.0, 0.1, 0.2], [1.0, 3.0]), 0)
-    assert closest[0] == pytest.approx(0.8)
-    assert np.isnan(closest[1])
+def test_waypoints_that_are_missed_are_measured_in_their_order() -> None:
+    assert motion.closest(_along([0.0, 0.1, 0.2], [1.0, 3.0]), 0) == pytest.approx([0.8, 2.8])
 
 
 def test_distance_is_to_the_waypoint_that_is_due() -> None:
