@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -345,8 +344,3 @@ def _known_keys(where: list[str]) -> list[str]:
         options = get_args(field.annotation)
         model = options[0] if options else field.annotation
     return sorted(getattr(model, "model_fields", {}))
-
-
-def is_finite(numbers: Iterable[float]) -> bool:
-    """Whether every number is finite."""
-    return all(math.isfinite(number) for number in numbers)

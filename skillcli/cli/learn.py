@@ -10,6 +10,7 @@ from skillcli.cli.session import Session
 from skillcli.errors import UsageError
 
 if TYPE_CHECKING:
+    from rich.console import Group
     from rich.table import Table
 
     from skillcli.store import Artifact
@@ -58,14 +59,16 @@ def pretrain(
 ) -> None:
     """Train policy and skill embedding together in simulation (stage 1)."""
     from skillcli.recipe import load_recipe
+    from skillcli.stages.pretrain import inputs_of
     from skillcli.stages.pretrain import pretrain as stage
 
     session: Session = context.obj
     resolved = load_recipe(recipe, overrides or ())
+    folder = checked(name) or resolved.name
+    if resume and not session.store.checkpoint_path(folder, "pretrain", inputs_of(resolved, seed)).exists():
+        session.say("nothing was interrupted with this recipe, seed and name: starting anew")
     with session.progress() as report:
-        artifact = stage(
-            session.store, resolved, seed, checked(name) or resolved.name, session.command, resume, threads, report
-        )
+        artifact = stage(session.store, resolved, seed, folder, session.command, resume, threads, report)
     session.result(payload(artifact), _pretrain_table(artifact), _next(f"skill embed-means {artifact.id}"))
 
 
@@ -235,13 +238,15 @@ def _centimetres(metres: float | None) -> str:
 def _table(title: str, *columns: str) -> Table:
     from rich.table import Table
 
-    table = Table(title=title, title_justify="left", title_style="bold", caption_justify="left")
+    table = Table(title=title, title_justify="left", title_style="bold")
     for index, column in enumerate(columns):
         table.add_column(column, justify="left" if index == 0 else "right")
     return table
 
 
-def _pretrain_table(artifact: Artifact) -> Table:
+def _pretrain_table(artifact: Artifact) -> Group:
+    from rich.console import Group
+
     found, speed = artifact.results, artifact.measured["throughput"]
     table = _table(str(artifact.id), "skill", "goal (m)", "at the mean", "sampled latents")
     for skill in found["skills"]:
@@ -249,41 +254,47 @@ def _pretrain_table(artifact: Artifact) -> Table:
         table.add_row(skill["name"], goal, _centimetres(skill["final_distance_m"]), f"{skill['success_rate']:.0%}")
     ratio = speed["training_ratio"]
     share = f", {ratio:.0%} of the bare engine" if ratio else ""
-    table.caption = (
+    caption = (
         f"{found['env_steps']:,} control steps in {artifact.measured['wall_seconds']:.0f} s"
         f" ({speed['env_steps_per_second']:,.0f}/s{share}); success {found['success_rate']:.1%}, "
         f"skills recognised {found['embedding']['inference_accuracy']:.1%}"
     )
-    return table
+    return Group(table, caption)
 
 
-def _means_table(artifact: Artifact) -> Table:
+def _means_table(artifact: Artifact) -> Group:
+    from rich.console import Group
+
     table = _table(str(artifact.id), "skill", "mean latent", "std", "at the mean")
     for skill in artifact.results["skills"]:
         mean, std = (" ".join(f"{x:5.2f}" for x in skill[key]) for key in ("mean", "std"))
         table.add_row(skill["name"], mean, std, _centimetres(skill["final_distance_m"]))
     efficiency, r = artifact.results["efficiency"], artifact.results["latent_goal_correlation"]
     shown = ["–" if number is None else f"{number:.3f}" for number in (efficiency, r)]
-    table.caption = f"embedding efficiency {shown[0]} (lower is better separated), latent against goal distances r = {shown[1]}"
-    return table
+    caption = f"embedding efficiency {shown[0]} (lower is better separated), latent against goal distances r = {shown[1]}"
+    return Group(table, caption)
 
 
-def _plan_table(artifact: Artifact) -> Table:
+def _plan_table(artifact: Artifact) -> Group:
+    from rich.console import Group
+
     found = artifact.results
     table = _table(f"{artifact.id}: {found['method']}, {found['task']}", "waypoint", "target (m)", "closest")
     for index, waypoint in enumerate(found["waypoints"]):
         target = ", ".join(f"{x:g}" for x in waypoint["target"])
         table.add_row(str(index + 1), target, _centimetres(waypoint["closest_m"]))
     steps = " ".join(f"{segment['skill']}:{segment['seconds']:.2f}s" for segment in found["segments"])
-    table.caption = (
+    caption = (
         f"{'success' if found['success'] else 'no success'}, "
         f"ends {_centimetres(found['final_distance_m'])} from the last goal; "
         f"planned in {artifact.measured['planning_seconds']:.1f} s, {found['expanded_nodes']} nodes\nplan {steps}"
     )
-    return table
+    return Group(table, caption)
 
 
-def _transfer_table(artifact: Artifact) -> Table:
+def _transfer_table(artifact: Artifact) -> Group:
+    from rich.console import Group
+
     table = _table(f"{artifact.id}: {artifact.results['evaluated']}", "domain", "success", "95 %", "median", "p90", "retention")
     for domain in artifact.results["domains"]:
         low, high = domain["ci95"]
@@ -292,5 +303,5 @@ def _transfer_table(artifact: Artifact) -> Table:
             domain["name"], f"{domain['successes']}/{domain['episodes']}", f"{low:.0%}–{high:.0%}",
             _centimetres(distance["median"]), _centimetres(distance["p90"]), "–" if retention is None else f"{retention:.2f}",
         )  # fmt: skip
-    table.caption = f"source: success {artifact.results['source']['success_rate']:.0%}"
-    return table
+    caption = f"source: success {artifact.results['source']['success_rate']:.0%}"
+    return Group(table, caption)

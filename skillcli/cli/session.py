@@ -109,33 +109,42 @@ def finite(item: Any) -> Any:
 def _live(console: Console) -> Iterator[Report]:
     from rich.live import Live
 
-    began = time.monotonic()
+    clock = Clock()
     with Live(console=console, refresh_per_second=8, transient=True) as live:
-        yield lambda progress: live.update(panel(progress, time.monotonic() - began))
+        yield lambda progress: live.update(panel(progress, clock.left(progress)))
 
 
 def _plain(console: Console) -> Report:
-    began = last = time.monotonic()
+    clock, last = Clock(), time.monotonic()
 
     def report(progress: Progress) -> None:
         nonlocal last
-        now = time.monotonic()
+        left, now = clock.left(progress), time.monotonic()
         if now - last >= PLAIN_SECONDS:
             last = now
-            console.print(line(progress, now - began), highlight=False, soft_wrap=True)
+            console.print(line(progress, left), highlight=False, soft_wrap=True)
 
     return report
 
 
-def time_left(progress: Progress, elapsed: float) -> str:
-    """Estimate of the time left, from what is done so far."""
-    if not progress.done:
-        return "?"
-    seconds = round(elapsed * (progress.total - progress.done) / progress.done)
-    return f"{seconds // 60}:{seconds % 60:02d}"
+class Clock:
+    """Estimates the time left of each stage from its own beginning, which a resumed one has behind it."""
+
+    def __init__(self) -> None:
+        self._stage, self._began, self._first = "", 0.0, 0
+
+    def left(self, progress: Progress) -> str:
+        """Minutes and seconds left, "?" as long as nothing can be said."""
+        if progress.stage != self._stage:
+            self._stage, self._began, self._first = progress.stage, time.monotonic(), progress.done
+        done = progress.done - self._first
+        if done <= 0:
+            return "?"
+        seconds = round((time.monotonic() - self._began) * (progress.total - progress.done) / done)
+        return f"{seconds // 60}:{seconds % 60:02d}"
 
 
-def line(progress: Progress, elapsed: float) -> str:
+def line(progress: Progress, left: str) -> str:
     """Progress as one line."""
     parts = [f"{progress.stage} {progress.done}/{progress.total} {progress.unit}"]
     if progress.rate:
@@ -143,16 +152,16 @@ def line(progress: Progress, elapsed: float) -> str:
     if progress.success:
         parts.append(f"success {sum(progress.success.values()) / len(progress.success):.0%}")
     parts += [progress.note] if progress.note else []
-    return " · ".join([*parts, f"{time_left(progress, elapsed)} left"])
+    return " · ".join([*parts, f"{left} left"])
 
 
-def panel(progress: Progress, elapsed: float) -> RenderableType:
+def panel(progress: Progress, left: str) -> RenderableType:
     """Progress as a bar, with the success of each skill as a small bar below."""
     from rich.console import Group
     from rich.progress_bar import ProgressBar
     from rich.text import Text
 
-    head = Text(line(progress, elapsed), overflow="ellipsis", no_wrap=True)
+    head = Text(line(progress, left), overflow="ellipsis", no_wrap=True)
     bars = Text(no_wrap=False)
     for name, share in progress.success.items():
         filled = "▁▂▃▄▅▆▇█"[min(7, int(share * 8))]

@@ -1,0 +1,174 @@
+"""Target domains: what is drawn, and what it does to which simulation."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from skillcli.envs.domains import DOMAINS, PARAMETERS, Domain, LogUniform, OneOf, Range, Uniform, find_domain, sample
+from skillcli.envs.point import PointEnvironment
+from skillcli.envs.reach import ReachEnvironment
+from skillcli.envs.sawyer import JOINTS
+from skillcli.errors import UsageError
+from skillcli.recipe import PointTask, ReachTask
+from skillcli.trajectories import Array
+
+TASK = ReachTask()
+
+
+def rng(seed: int = 0) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+def bounds(values: Range) -> tuple[float, float]:
+    return (min(values.values), max(values.values)) if isinstance(values, OneOf) else (values.low, values.high)
+
+
+@pytest.mark.parametrize("name", DOMAINS)
+def test_parameters_are_drawn_again_the_same_within_their_ranges(name: str) -> None:
+    domain = find_domain(name)
+    drawn, again = sample(domain, 200, rng()), sample(domain, 200, rng())
+    assert drawn.keys() == domain.parameters.keys() <= PARAMETERS.keys()
+    for parameter, values in drawn.items():
+        np.testing.assert_array_equal(values, again[parameter])
+        assert values.shape == ((200,) if PARAMETERS[parameter][0] == 1 else (200, 7))
+        low, high = bounds(domain.parameters[parameter])
+        assert low <= values.min() and values.max() <= high
+        assert low == high or np.ptp(values) > 0.5 * (high - low), "the range is used"
+
+
+def test_a_log_uniform_factor_is_as_often_below_as_above_its_middle() -> None:
+    values = sample(Domain("d", "", {"joint_damping": LogUniform(0.25, 4.0)}), 2000, rng())["joint_damping"]
+    assert float((values < 1).mean()) == pytest.approx(0.5, abs=0.02)
+    assert float((values < 0.5).mean()) == pytest.approx(0.25, abs=0.02)
+
+
+def test_an_unknown_domain_names_those_there_are() -> None:
+    with pytest.raises(UsageError, match="no domain 'mars'") as caught:
+        find_domain("mars")
+    assert "real-like" in caught.value.hint
+
+
+def test_the_nominal_domain_changes_nothing_bit_for_bit() -> None:
+    plain, nominal = ReachEnvironment(TASK, 3), ReachEnvironment(TASK, 3)
+    nominal.perturb(sample(find_domain("nominal"), 3, rng()), rng())
+    nominal.reset(np.arange(3), np.zeros(3, dtype=np.int64))
+    for action in rng().uniform(-1, 1, (8, 3, 7)):
+        np.testing.assert_array_equal(plain.step(action).observation, nominal.step(action).observation)
+
+
+# parameter, model field, which entries of it, how it is changed
+FIELDS = [
+    ("link_mass", "body_mass", "links", "factor"),
+    ("link_mass", "body_inertia", "links", "factor"),
+    ("gravity_compensation", "body_gravcomp", "all", "factor"),
+    ("joint_damping", "dof_damping", "joints", "factor"),
+    ("joint_friction", "dof_frictionloss", "joints", "factor"),
+    ("gain", "actuator_gainprm", "joints", "factor"),
+    ("gain", "actuator_biasprm", "joints", "factor"),
+    ("contact_friction", "geom_friction", "table", "factor"),
+    ("table_height", "geom_pos", "table", "offset"),
+    ("latency", "actuator_delay", "joints", "offset"),
+]
+
+
+def entries(model: Any, which: str, field: str) -> Any:
+    if which == "links":
+        return [model.joint(name).bodyid[0] for name in JOINTS]
+    if which == "table":
+        return (model.geom("table").id, 0 if field == "geom_friction" else 2)
+    return slice(None)
+
+
+@pytest.mark.parametrize(("parameter", "field", "which", "how"), FIELDS)
+def test_a_parameter_changes_its_field_in_its_own_simulation_only(parameter: str, field: str, which: str, how: str) -> None:
+    env = ReachEnvironment(TASK, 3, delay=True)
+    neutral, changed = (1.0, 1.5) if how == "factor" else (0.0, 0.02)
+    values = np.full((3, 7) if PARAMETERS[parameter][0] == 7 else 3, neutral)
+    values[1] = changed
+    env.perturb({parameter: values}, rng())
+    base = getattr(env.arms.model, field)
+    expected = base.copy()
+    where = entries(env.arms.model, which, field)
+    expected[where] = expected[where] * changed if how == "factor" else expected[where] + changed
+    assert not np.array_equal(expected, base)
+    for slot, wanted in enumerate([base, expected, base]):
+        np.testing.assert_allclose(getattr(env.arms.batch.get_model(slot), field), wanted, rtol=1e-12, err_msg=str(slot))
+
+
+def reply(latency: float) -> Array:
+    """Joint 6 after each of 8 control steps when it is sent off at once, rad."""
+    env = ReachEnvironment(TASK, 2, delay=True)
+    env.perturb({"latency": np.array([0.0, latency])}, rng())
+    env.reset(np.arange(2), np.zeros(2, dtype=np.int64))
+    angles = [env.arms.joint_position[:, 6]]
+    for _ in range(8):
+        env.step(np.tile([0, 0, 0, 0, 0, 0, 1.0], (2, 1)))
+        angles.append(env.arms.joint_position[:, 6])
+    return np.stack(angles, axis=1)
+
+
+@pytest.mark.parametrize(("latency", "late"), [(0.05, 1), (0.1, 2), (0.15, 3)])
+def test_latency_delays_the_motion_by_the_stated_time(latency: float, late: int) -> None:
+    prompt, delayed = reply(latency)
+    np.testing.assert_allclose(delayed[:late], delayed[0], atol=1e-5)
+    np.testing.assert_allclose(delayed[late:], prompt[: len(prompt) - late], atol=1e-5)
+    assert prompt[-1] - prompt[0] > 0.1
+
+
+def test_an_arm_that_may_be_delayed_but_is_not_moves_as_the_plain_one() -> None:
+    plain, prepared = ReachEnvironment(TASK, 2), ReachEnvironment(TASK, 2, delay=True)
+    for action in rng().uniform(-1, 1, (8, 2, 7)):
+        np.testing.assert_allclose(plain.step(action).observation, prepared.step(action).observation, atol=1e-6)
+
+
+def test_a_weaker_compensation_lets_the_arm_sag() -> None:
+    env = ReachEnvironment(TASK, 2)
+    env.perturb({"gravity_compensation": np.array([1.0, 0.8])}, rng())
+    env.reset(np.arange(2), np.zeros(2, dtype=np.int64))
+    for _ in range(20):
+        env.step(np.zeros((2, 7)))
+    held, sagging = env.judged()[:, 2]
+    assert held > sagging + 5e-3
+
+
+def test_the_start_is_offset_in_its_own_simulation() -> None:
+    env = ReachEnvironment(TASK, 2)
+    offset = np.zeros((2, 7))
+    offset[1] = 0.02
+    env.perturb({"start_offset": offset}, rng())
+    env.reset(np.arange(2), np.zeros(2, dtype=np.int64))
+    np.testing.assert_allclose(env.arms.joint_position - np.array(TASK.start), offset, atol=1e-12)
+
+
+def test_sensor_noise_has_its_stated_size_and_leaves_the_robot_alone() -> None:
+    env = ReachEnvironment(TASK, 400)
+    quiet = np.arange(400) < 200
+    noise = {"joint_noise": np.where(quiet, 0.0, 0.005), "position_noise": np.where(quiet, 0.0, 0.003)}
+    before = env.judged()
+    env.perturb(noise, rng())
+    env.reset(np.arange(400), np.zeros(400, dtype=np.int64))
+    seen = np.stack([env.observe() for _ in range(10)]).astype(float)
+    error = seen - np.concatenate([env.arms.joint_position, env.judged()], axis=1)
+    assert np.abs(error[:, quiet]).max() < 1e-6
+    assert error[:, ~quiet, :7].std() == pytest.approx(0.005, rel=0.03)
+    assert error[:, ~quiet, 7:].std() == pytest.approx(0.003, rel=0.03)
+    assert abs(error[:, ~quiet].mean()) < 1e-4
+    np.testing.assert_array_equal(env.judged(), before)
+
+
+def test_the_point_knows_gain_and_position_noise() -> None:
+    env = PointEnvironment(PointTask(), 400)
+    gain = np.ones((400, 7))
+    gain[200:] = 0.5
+    env.perturb({"gain": gain, "position_noise": np.full(400, 0.01), "latency": np.zeros(400)}, rng())
+    step = env.step(np.ones((400, 2)))
+    np.testing.assert_allclose(env.judged()[:, 0], np.repeat([0.1, 0.05], 200))
+    assert (step.observation - env.judged()[:, :2]).std() == pytest.approx(0.01, rel=0.1)
+
+
+def test_uniform_draws_fill_the_range_evenly() -> None:
+    values = Uniform(2.0, 4.0).draw(rng(), (4000,))
+    assert np.histogram(values, bins=4, range=(2, 4))[0] == pytest.approx(1000, abs=100)

@@ -1,0 +1,167 @@
+"""What every environment promises, asked of each of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from skillcli.envs.environment import Environment, Step
+from skillcli.envs.tasks import DESCRIPTIONS, Task, make
+from skillcli.recipe import PointTask, ReachTask
+from skillcli.trajectories import Array
+
+TASKS: dict[str, Task] = {"point": PointTask(horizon=12), "reach": ReachTask(horizon=12)}
+STEPS = 6
+
+
+@pytest.fixture(params=TASKS)
+def task(request: pytest.FixtureRequest) -> Task:
+    return TASKS[request.param]
+
+
+def test_every_task_is_tested() -> None:
+    assert set(TASKS) == set(DESCRIPTIONS)
+
+
+def fresh(task: Task, num: int, threads: int = 1) -> Environment:
+    env = make(task, num, threads)
+    env.reset(np.arange(num), np.arange(num) % len(env.goals))
+    return env
+
+
+def random_actions(env: Environment, steps: int, seed: int = 0) -> Array:
+    return np.random.default_rng(seed).uniform(-1, 1, (steps, env.num, env.action_size))
+
+
+def drive(env: Environment, actions: Array) -> list[Step]:
+    return [env.step(action) for action in actions]
+
+
+def motion(steps: list[Step]) -> Array:
+    """(T, N, o + 1): everything that is seen and earned, bit by bit."""
+    return np.stack([np.concatenate([step.observation, step.reward[:, None]], axis=1) for step in steps])
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_equal_actions_give_equal_motion_bit_for_bit_with_any_number_of_threads(task: Task, threads: int) -> None:
+    first, second = fresh(task, 5), fresh(task, 5, threads)
+    actions = random_actions(first, STEPS)
+    np.testing.assert_array_equal(motion(drive(first, actions)), motion(drive(second, actions)))
+    np.testing.assert_array_equal(first.save(np.arange(5)), second.save(np.arange(5)))
+
+
+def test_a_simulation_depends_neither_on_its_slot_nor_on_its_neighbours(task: Task) -> None:
+    crowd, alone = fresh(task, 7), fresh(task, 1)
+    slot = len(crowd.goals)  # on the first skill, like the lonely one
+    actions = random_actions(crowd, STEPS)
+    if slot >= crowd.num:
+        slot, alone.target[:] = 6, crowd.target[6]
+    together, single = drive(crowd, actions), drive(alone, actions[:, [slot]])
+    np.testing.assert_array_equal(motion(together)[:, slot], motion(single)[:, 0])
+
+
+def test_saved_states_have_the_same_future_in_any_slot_of_any_batch(task: Task) -> None:
+    env, other = fresh(task, 3), fresh(task, 5)
+    drive(env, random_actions(env, STEPS))
+    rows, seen = env.save(np.arange(3)), env.observe()
+    future = random_actions(env, STEPS, seed=1)
+    expected = motion(drive(env, future))[..., :-1]  # the reward follows the slot's goal
+    end = env.save(np.arange(3))
+
+    slots = np.array([4, 0, 2])
+    drive(other, random_actions(other, 3, seed=2))
+    other.restore(slots, rows)
+    np.testing.assert_array_equal(other.observe()[slots], seen)
+    actions = random_actions(other, STEPS, seed=3)
+    actions[:, slots] = future
+    np.testing.assert_array_equal(motion(drive(other, actions))[:, slots, :-1], expected)
+    np.testing.assert_array_equal(other.save(slots), end)
+
+
+def test_an_episode_begun_from_a_saved_state_has_its_clock_at_zero(task: Task) -> None:
+    env = fresh(task, 2)
+    drive(env, random_actions(env, 5))
+    rows = env.save(np.array([0]))
+    env.begin(np.array([1]), rows, np.array([2]))
+    np.testing.assert_array_equal(env.save(np.array([1])), rows)
+    np.testing.assert_array_equal(env.target[1], env.goals[2])
+    ends = np.stack([step.truncated for step in drive(env, random_actions(env, env.horizon))])
+    assert ends.argmax(axis=0).tolist() == [env.horizon - 6, env.horizon - 1]
+
+
+def test_every_number_that_is_observed_changes_under_random_actions(task: Task) -> None:
+    env = fresh(task, 4)
+    seen = motion(drive(env, random_actions(env, env.horizon)))
+    assert (np.ptp(seen, axis=0) > 1e-4).all()
+
+
+def test_what_is_returned_shares_no_memory_with_the_simulation(task: Task) -> None:
+    env, twin = fresh(task, 3), fresh(task, 3)
+    actions = random_actions(env, 4)
+    for action in actions[:2]:
+        twin.step(action)
+        step = env.step(action)
+        given = [*step, env.observe(), env.judged(), env.save(np.arange(3)), *env.snapshot().values()]
+        copies = [array.copy() for array in given]
+        for array in given:  # writing into it must not reach the simulation
+            array[...] = True if array.dtype == bool else 7
+    np.testing.assert_array_equal(motion(drive(env, actions[2:])), motion(drive(twin, actions[2:])))
+
+    given = [*env.step(actions[0]), env.observe(), env.judged(), env.save(np.arange(3)), *env.snapshot().values()]
+    copies = [array.copy() for array in given]
+    env.step(actions[1])
+    for array, copy in zip(given, copies, strict=True):  # and the simulation must not write into it
+        np.testing.assert_array_equal(array, copy)
+
+
+def test_a_reset_puts_back_those_named_and_no_other(task: Task) -> None:
+    env = fresh(task, 3)
+    start = env.save(np.arange(3))
+    drive(env, random_actions(env, STEPS))
+    moved = env.save(np.arange(3))
+    env.reset(np.array([1]), np.array([3]))
+    np.testing.assert_array_equal(env.save(np.array([1])), start[[1]])
+    np.testing.assert_array_equal(env.save(np.array([0, 2])), moved[[0, 2]])
+    np.testing.assert_array_equal(env.target, env.goals[[0, 3, 2]])
+
+
+def test_an_episode_ends_by_time_alone_and_never_by_success(task: Task) -> None:
+    env = fresh(task, 2)
+    env.target[:] = env.judged()
+    for t, step in enumerate(drive(env, np.zeros((env.horizon, 2, env.action_size))), 1):
+        assert (-step.reward <= env.tolerance).all(), "it stays at the goal"
+        assert not step.terminated.any()
+        assert (step.truncated == (t == env.horizon)).all()
+
+
+def test_the_reward_is_minus_the_distance_to_the_goal(task: Task) -> None:
+    env = fresh(task, 4)
+    for step in drive(env, random_actions(env, STEPS)):
+        distance = np.linalg.norm(env.judged() - env.target, axis=1) if step is None else None
+    step = env.step(random_actions(env, 1)[0])
+    distance = np.linalg.norm(env.judged() - env.target, axis=1)
+    np.testing.assert_allclose(step.reward, -distance, rtol=1e-12)
+
+
+def test_shapes_and_types(task: Task) -> None:
+    env = fresh(task, 3)
+    step = env.step(random_actions(env, 1)[0])
+    assert step.observation.shape == (3, env.observation_size) and step.observation.dtype == np.float32
+    assert step.reward.shape == (3,) and step.terminated.dtype == step.truncated.dtype == bool
+    assert env.judged().shape == (3, 3) and env.goals.shape == (len(task.goals), 3) and env.applied.shape == (3, env.action_size)
+    assert len(env.save(np.array([0, 2]))) == 2
+
+
+def test_actions_are_clipped_to_the_limit(task: Task) -> None:
+    full, wild = fresh(task, 2), fresh(task, 2)
+    sign = np.sign(random_actions(full, 3))
+    np.testing.assert_array_equal(motion(drive(full, sign)), motion(drive(wild, 50 * sign)))
+    limit = task.step_limit if isinstance(task, PointTask) else task.action_limit
+    np.testing.assert_allclose(wild.applied, limit * sign[-1])
+
+
+def test_single_precision_actions_of_a_network_do_the_same(task: Task) -> None:
+    env = fresh(task, 2)
+    action = random_actions(env, 1)[0].astype(np.float32)
+    assert np.isfinite(env.step(action).observation).all()
+    assert env.save(np.arange(2)).dtype == np.float64

@@ -1,0 +1,79 @@
+import numpy as np
+import pytest
+
+from skillcli import metrics
+from skillcli.trajectories import Trajectories
+
+
+# Published values of the score interval without continuity correction.
+@pytest.mark.parametrize(
+    ("successes", "trials", "low", "high"),
+    [(8, 10, 0.4902, 0.9433), (0, 10, 0.0, 0.2775), (10, 10, 0.7225, 1.0), (1, 1, 0.2065, 1.0), (0, 0, 0.0, 1.0)],
+)
+def test_wilson_interval_against_published_numbers(successes: int, trials: int, low: float, high: float) -> None:
+    assert metrics.wilson_interval(successes, trials) == pytest.approx((low, high), abs=5e-5)
+
+
+def recording(end: list[list[float]], target: list[float], length: int, box: bool = False) -> Trajectories:
+    path = np.array([end], dtype=float)  # (1, T+1, 3)
+    steps = path.shape[1] - 1
+    pose = np.concatenate([path, np.tile([1.0, 0, 0, 0], (1, steps + 1, 1))], axis=-1)
+    return Trajectories(
+        time=np.arange(steps + 1) * 0.05, latent=np.zeros((1, steps, 2)), skill=np.zeros((1, steps)),
+        action=np.zeros((1, steps, 2)), reward=np.zeros((1, steps)), target=np.array([target]), success=np.array([True]),
+        length=np.array([length]), gripper_position=path, object_pose=pose if box else None,
+    )  # fmt: skip
+
+
+def test_final_distance_is_taken_at_the_end_of_the_episode_and_a_box_is_judged_in_the_plane() -> None:
+    path = [[0.0, 0, 0], [3, 0, 4], [9, 9, 9]]
+    assert metrics.final_distance(recording(path, [0, 0, 0], length=1)) == pytest.approx([5])
+    assert metrics.final_distance(recording(path, [0, 0, 0], length=1, box=True)) == pytest.approx([3])
+    assert metrics.final_distance(recording(path, [9, 9, 8], length=2)) == pytest.approx([1])
+
+
+def test_an_early_pass_of_a_later_waypoint_does_not_count() -> None:
+    first, second = [0.0, 0, 0], [3.0, 0, 0]
+    path = np.array([second, first, [1.0, 0, 0], [1.0, 0.5, 0]])
+    assert metrics.ordered_approach(path, np.array([first, second])) == pytest.approx([0, 2])
+    assert metrics.ordered_approach(path, np.array([second, first])) == pytest.approx([0, 0])
+
+
+def test_a_waypoint_that_comes_again_at_the_end_is_judged_by_the_second_visit() -> None:
+    path = np.array([[0.0, 0, 0], [1, 0, 0], [0.25, 0, 0]])
+    loop = np.array([[0.0, 0, 0], [1, 0, 0], [0.0, 0, 0]])
+    assert metrics.ordered_approach(path, loop) == pytest.approx([0, 0, 0.25])
+
+
+def test_ordered_approach_finds_the_smallest_sum_over_all_ordered_moments() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        path, waypoints = rng.normal(size=(7, 3)), rng.normal(size=(3, 3))
+        distance = np.linalg.norm(path[None] - waypoints[:, None], axis=-1)
+        best = min(distance[0, i] + distance[1, j] + distance[2, k] for i in range(7) for j in range(i, 7) for k in range(j, 7))
+        assert metrics.ordered_approach(path, waypoints).sum() == pytest.approx(best)
+
+
+def test_efficiency_of_a_square_of_equal_circles() -> None:
+    square = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    assert metrics.embedding_efficiency(square, np.full((4, 2), 0.1)) == pytest.approx(4 * np.pi * 0.1 * 0.1)
+    assert metrics.embedding_efficiency(2 * square, np.full((4, 2), 0.1)) == pytest.approx(np.pi * 0.1 * 0.1)
+
+
+@pytest.mark.parametrize("mean", [[[0, 0], [1, 1]], [[0, 0], [1, 1], [2, 2]], [[1, 1], [1, 1], [1, 1]]])
+def test_efficiency_is_undefined_where_the_means_span_no_volume(mean: list[list[float]]) -> None:
+    assert metrics.embedding_efficiency(np.array(mean, dtype=float), np.full((len(mean), 2), 0.1)) is None
+
+
+def test_correlation_of_distances() -> None:
+    goals = np.array([[0.0, 0, 0], [1, 0, 0], [0, 3, 0], [2, 2, 2]])
+    assert metrics.distance_correlation(0.3 * goals + 7, goals) == pytest.approx(1)
+    # distances 1, 3, 2 against 3, 1, 2: exactly opposed
+    assert metrics.distance_correlation(np.array([[0.0], [1], [3]]), np.array([[0.0], [3], [1]])) == pytest.approx(-1)
+    assert metrics.distance_correlation(goals[:2], goals[:2]) is None
+    assert metrics.distance_correlation(np.zeros((4, 2)), goals) is None
+
+
+def test_the_most_likely_skill_weighs_distance_by_spread() -> None:
+    mean, std = np.array([[0.0], [1.0]]), np.array([[1.0], [0.1]])
+    assert metrics.most_likely_skill(np.array([[[0.9], [0.5]], [[1.6], [-1]]]), mean, std).tolist() == [[1, 0], [0, 0]]
