@@ -12,7 +12,7 @@ ROOT = Path(skillcli.__file__).parent
 BASE = {"recipe", "metrics", "seeding", "errors", "trajectories"}
 MIDDLE = {"envs", "learning", "composition", "store", "viz"}
 BELOW = {"cli": {"cli", "stages"} | MIDDLE | BASE, "stages": {"stages"} | MIDDLE | BASE}
-BELOW |= {part: {part} | BASE for part in MIDDLE} | {part: BASE for part in BASE} | {"__init__": set()}
+BELOW |= {part: {part} | BASE for part in MIDDLE} | dict.fromkeys(BASE, BASE) | {"__init__": set()}
 
 # package outside: the only parts of ours that may import it
 ONLY_IN = {

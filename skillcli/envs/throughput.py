@@ -9,7 +9,7 @@ import numpy as np
 from skillcli.envs.environment import Environment
 from skillcli.envs.reach import ReachEnvironment
 
-STEPS = 24  # control steps per measurement: a third of a second at the default size
+STEPS = 10  # control steps per measurement: a tenth of a second at the default size
 
 
 class BareEngine:

@@ -26,7 +26,7 @@ from skillcli.store import Artifact, Draft, Store, load_checkpoint, remove_check
 from skillcli.trajectories import Array, Trajectories
 
 CHECKPOINT_SECONDS = 30.0
-BARE_MEASUREMENTS = 12  # of the bare engine, spread over the run
+BARE_MEASUREMENTS = 30  # of the bare engine, spread over the run: both sides of the ratio see the same machine
 
 
 @dataclass(frozen=True)

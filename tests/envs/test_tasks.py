@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
+from skillcli.envs import sawyer
+from skillcli.envs.reach import ReachEnvironment
 from skillcli.envs.tasks import COMPOSITIONS, check_goal, model_fingerprint, named_waypoints
 from skillcli.envs.throughput import BareEngine
-from skillcli.envs.reach import ReachEnvironment
 from skillcli.errors import UsageError
 from skillcli.recipe import PointTask, ReachTask
 
@@ -34,8 +35,6 @@ def test_other_goals_are_refused_with_a_hint(task: ReachTask | PointTask, goal: 
 
 
 def test_no_arm_posture_reaches_beyond_what_is_said_to_be_the_longest_reach() -> None:
-    from skillcli.envs import sawyer
-
     env = ReachEnvironment(REACH, 256)
     rng = np.random.default_rng(0)
     env.arms.place(np.arange(256), rng.uniform(env.arms.model.jnt_range[:7, 0], env.arms.model.jnt_range[:7, 1], (256, 7)))

@@ -1,0 +1,96 @@
+"""`skill pretrain`: the same run twice, interrupted and resumed, on any number of threads."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from command import TINY_SET, files, made, skill
+
+from skillcli.learning.learner import Learner
+
+SMALL = ("pretrain", "smoke", *TINY_SET, "--set", "training.iterations=5")
+
+
+def content(store: Path, name: str) -> str:
+    return str(made("--store", store, "show", f"{name}/pretrain-v1")["content_sha256"])
+
+
+def interrupt_after(monkeypatch: pytest.MonkeyPatch, iterations: int) -> None:
+    """Press Ctrl-C in the middle of an iteration."""
+    iterate = Learner.iterate
+
+    def pressed(self: Learner) -> Any:
+        if self.iteration == iterations - 1:
+            signal.raise_signal(signal.SIGINT)
+        return iterate(self)
+
+    monkeypatch.setattr(Learner, "iterate", pressed)
+
+
+def test_the_same_recipe_and_seed_give_the_same_content_on_any_number_of_threads(tmp_path: Path) -> None:
+    one = made("--store", tmp_path, *SMALL, "--name", "one", "--threads", "1")
+    two = made("--store", tmp_path, *SMALL, "--name", "two", "--threads", "2")
+    other = made("--store", tmp_path, *SMALL, "--name", "other", "--seed", "1")
+    assert one["id"] == "one/pretrain-v1" and one["skills"] == two["skills"] != other["skills"]
+    assert content(tmp_path, "one") == content(tmp_path, "two") != content(tmp_path, "other")
+
+
+def test_an_interrupted_training_goes_on_to_the_same_content(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made("--store", tmp_path, *SMALL, "--name", "whole")
+    with monkeypatch.context() as patch:
+        interrupt_after(patch, 3)
+        result = skill("--store", tmp_path, "--json", *SMALL, "--name", "halves")
+    assert result.code == 130, result
+    error = result.json["error"]
+    assert error["type"] == "Interrupted" and "after iteration 3 of 5" in error["message"] and "--resume" in error["hint"]
+    (checkpoint,) = (name for name in files(tmp_path) if name.startswith("halves/"))
+    assert ".checkpoint-pretrain" in checkpoint
+
+    made("--store", tmp_path, *SMALL, "--name", "halves", "--resume")
+    assert content(tmp_path, "halves") == content(tmp_path, "whole")
+    assert not any("checkpoint" in name for name in files(tmp_path))
+
+
+def test_ctrl_c_after_the_training_does_not_lose_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def pressed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("skillcli.stages.pretrain.evaluate", pressed)
+        assert skill("--store", tmp_path, *SMALL).code == 130
+    assert any("checkpoint" in name for name in files(tmp_path))
+
+
+def test_resume_without_a_checkpoint_starts_anew(tmp_path: Path) -> None:
+    assert made("--store", tmp_path, *SMALL, "--resume")["id"] == "smoke/pretrain-v1"
+
+
+def test_a_training_that_comes_apart_says_so_and_leaves_nothing(tmp_path: Path) -> None:
+    wild = ("--set", "training.reward_scale=1e300")
+    result = skill("--store", tmp_path, "--json", *SMALL, *wild)
+    assert result.code == 1 and "came apart" in result.json["error"]["message"] and "learning_rate" in result.json["error"]["hint"]
+    assert files(tmp_path) == set()
+
+
+def test_a_real_ctrl_c_stops_a_real_process_and_keeps_its_state(tmp_path: Path) -> None:
+    program = Path(sys.executable).parent / "skill"
+    words = ["--store", tmp_path, "--json", "pretrain", "point", "--set", "training.iterations=100000"]
+    process = subprocess.Popen([program, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        deadline = time.monotonic() + 60
+        while not (tmp_path / "point").exists() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        time.sleep(1.0)  # into the training
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 130, err
+    assert '"Interrupted"' in out and "the state is saved" in err and "Traceback" not in err
+    assert [".checkpoint-pretrain" in name for name in files(tmp_path)] == [True]

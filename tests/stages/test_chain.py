@@ -1,0 +1,172 @@
+"""The stages on a tiny chain: what each artifact holds, and that equal inputs give equal artifacts."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from skillcli import metrics
+from skillcli.envs.domains import find_domain
+from skillcli.recipe import resolve
+from skillcli.stages.compose import Request, execute
+from skillcli.stages.library import open_library
+from skillcli.stages.pretrain import evaluate
+from skillcli.stages.transfer_eval import Script, run_on
+from skillcli.store import STAGES, Artifact, ArtifactId, Store
+from skillcli.trajectories import Trajectories
+
+
+def read(chain: Path, stage: str) -> Artifact:
+    return Store(chain).read(ArtifactId("tiny", stage, 1))
+
+
+def recording(artifact: Artifact) -> Trajectories:
+    return Trajectories(**artifact.group("trajectories"))
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_every_artifact_is_whole_and_knows_where_it_comes_from(chain: Path, stage: str) -> None:
+    store, artifact = Store(chain), read(chain, stage)
+    assert store.verify(artifact.id) == []
+    before = STAGES.index(stage) - 1
+    assert [str(parent.id) for parent in artifact.parents] == ([f"tiny/{STAGES[before]}-v1"] if stage != "pretrain" else [])
+    assert len(store.lineage(artifact.id)) == STAGES.index(stage)
+    assert artifact.seed == 0 and artifact.recipe_name == "smoke" and artifact.model_sha256 and artifact.inputs_sha256
+    assert artifact.command.startswith("skill run smoke --name tiny --set training.iterations=2")
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_recordings_agree_with_themselves(chain: Path, stage: str) -> None:
+    artifact, path = read(chain, stage), recording(read(chain, stage))
+    episodes, steps = path.skill.shape
+    assert path.time.shape == (steps + 1,) and np.allclose(np.diff(path.time), 0.05)
+    assert path.joint_position is not None and path.joint_position.shape == (episodes, steps + 1, 7)
+    assert path.gripper_position is not None and path.gripper_position.shape == (episodes, steps + 1, 3)
+    assert path.action.shape == (episodes, steps, 7) and np.abs(path.action).max() <= np.float32(0.04)
+    assert (path.length == steps).all(), "nothing failed"
+    for array in path.arrays().values():
+        assert np.isfinite(array).all()
+    if stage in ("pretrain", "embed-means"):
+        distance = np.linalg.norm(path.gripper_position[:, 1:] - path.target[:, None], axis=2)
+        np.testing.assert_allclose(path.reward, -distance, atol=1e-5)
+        np.testing.assert_array_equal(path.success, metrics.final_distance(path) <= resolve(artifact.recipe).task.tolerance)
+
+
+def test_pretrain_reports_what_it_holds(chain: Path) -> None:
+    artifact = read(chain, "pretrain")
+    results, measured, arrays = artifact.results, artifact.measured, artifact.arrays
+    assert results["env_steps"] == 2 * 16 * 16
+    assert [skill["name"] for skill in results["skills"]] == [str(k) for k in range(1, 9)]
+    for k, skill in enumerate(results["skills"]):
+        assert skill["goal"] == arrays["skills/goal"][k].tolist()
+        assert skill["final_distance_m"] == pytest.approx(arrays["evaluation/final_distance"][k, 0])
+    assert results["embedding"].keys() == {"inference_accuracy", "latent_goal_correlation", "efficiency"}
+    throughput = measured["throughput"]
+    rate = throughput["physics_limit_env_steps_per_second"]
+    assert throughput["training_ratio"] == pytest.approx(throughput["env_steps_per_second"] / rate)
+    assert throughput["env_steps_per_second"] == pytest.approx(results["env_steps"] / measured["wall_seconds"])
+    assert 0 < throughput["training_ratio"] < throughput["sampling_ratio"]
+    assert arrays["curves/return"].shape == arrays["curves/success/1"].shape == (2,)
+    assert arrays["evaluation/latent"].shape == (8, 4, 3), "the mean and three samples"
+    np.testing.assert_array_equal(arrays["evaluation/latent"][:, 0], arrays["embedding/mean"])
+    assert recording(artifact).episodes == 8 * 2, "the mean and one sample"
+
+
+def test_stored_skills_act_as_the_trained_ones_did(chain: Path) -> None:
+    artifact = read(chain, "pretrain")
+    library = open_library(Store(chain), artifact)
+    again = evaluate(library.recipe, library.agent, seed=0, threads=1)
+    np.testing.assert_array_equal(again.final_distance, artifact.arrays["evaluation/final_distance"])
+    np.testing.assert_array_equal(again.inferred, artifact.arrays["evaluation/inferred"])
+
+
+def test_embed_means_plays_each_skill_at_its_mean(chain: Path) -> None:
+    source, artifact = read(chain, "pretrain"), read(chain, "embed-means")
+    path = recording(artifact)
+    np.testing.assert_array_equal(artifact.arrays["embedding/mean"], source.arrays["embedding/mean"])
+    np.testing.assert_array_equal(path.skill, np.repeat(np.arange(8)[:, None], 16, axis=1))
+    np.testing.assert_allclose(path.latent[:, 0], source.arrays["embedding/mean"], atol=1e-6)
+    means, played = source.results["skills"], artifact.results["skills"]
+    assert [s["final_distance_m"] for s in played] == pytest.approx([s["final_distance_m"] for s in means], abs=1e-6)
+    low, high = artifact.arrays["embedding/bounds"]
+    assert (low < artifact.arrays["embedding/mean"]).all() and (artifact.arrays["embedding/mean"] < high).all()
+
+
+def test_the_plan_in_the_artifact_is_what_was_executed(chain: Path) -> None:
+    artifact = read(chain, "compose")
+    results, arrays, path = artifact.results, artifact.arrays, recording(artifact)
+    assert path.episodes == 1
+    steps = np.round(arrays["plan/seconds"] / 0.05).astype(int)
+    assert path.skill.shape[1] == steps.sum() == round(results["plan_seconds"] / 0.05)
+    np.testing.assert_allclose(path.latent[0], np.repeat(arrays["plan/latent"], steps, axis=0), atol=1e-6)
+    np.testing.assert_array_equal(path.skill[0], np.repeat(arrays["plan/skill"], steps))
+    assert [segment["seconds"] for segment in results["segments"]] == pytest.approx(arrays["plan/seconds"].tolist())
+    closest = metrics.ordered_approach(path.judged[0], arrays["waypoints/target"])
+    np.testing.assert_allclose(arrays["waypoints/closest"], closest)
+    assert results["final_distance_m"] == pytest.approx(metrics.final_distance(path)[0])
+    assert 0 < results["expanded_nodes"] <= 12 and results["simulated_robot_seconds"] > 0
+    assert results["success"] == bool(path.success[0]) == bool((closest <= 0.05).all() and results["final_distance_m"] <= 0.05)
+
+
+def test_what_the_search_saw_is_what_the_plan_does(chain: Path) -> None:
+    store, artifact = Store(chain), read(chain, "compose")
+    library = open_library(store, artifact)
+    steps = np.round(artifact.arrays["plan/seconds"] / 0.05).astype(int)
+    from skillcli.composition.plan import Segment
+
+    plan = [
+        Segment(latent, int(skill), "", int(n))
+        for latent, skill, n in zip(artifact.arrays["plan/latent"], artifact.arrays["plan/skill"], steps, strict=True)
+    ]
+    again = execute(library, plan, artifact.arrays["waypoints/target"])
+    np.testing.assert_array_equal(again.joint_position, recording(artifact).joint_position)
+
+
+def test_transfer_summaries_follow_from_the_stored_episodes(chain: Path) -> None:
+    artifact = read(chain, "transfer-eval")
+    path, arrays = recording(artifact), artifact.arrays
+    assert arrays["episodes/domain"].tolist() == [0] * 3 + [1] * 3
+    np.testing.assert_allclose(arrays["episodes/final_distance"], metrics.final_distance(path))
+    np.testing.assert_allclose(arrays["episodes/return"], path.reward.sum(axis=1))
+    source = artifact.results["source"]
+    assert source["episodes"] == 1
+    for index, domain in enumerate(artifact.results["domains"]):
+        here = arrays["episodes/domain"] == index
+        distance = arrays["episodes/final_distance"][here]
+        assert domain["successes"] == int(path.success[here].sum()) and domain["episodes"] == 3
+        assert domain["ci95"] == pytest.approx(metrics.wilson_interval(domain["successes"], 3))
+        found = domain["final_distance_m"]
+        assert (found["mean"], found["median"]) == pytest.approx((distance.mean(), np.median(distance)))
+        if source["success_rate"]:
+            assert domain["retention"] == pytest.approx(domain["success_rate"] / source["success_rate"])
+        else:
+            assert domain["retention"] is None
+    assert arrays["domains/mild/link_mass"].shape == (3, 7)
+
+
+def test_the_nominal_domain_repeats_the_source_and_others_do_not(chain: Path) -> None:
+    path, source = recording(read(chain, "transfer-eval")), recording(read(chain, "compose"))
+    assert path.joint_position is not None and source.joint_position is not None
+    for episode in range(3):
+        np.testing.assert_array_equal(path.joint_position[episode], source.joint_position[0])
+    gaps = [np.abs(path.joint_position[3 + e] - source.joint_position[0]).max() for e in range(3)]
+    assert min(gaps) > 1e-4 and len(set(gaps)) == 3
+
+
+def test_bare_skills_can_be_transferred_too(chain: Path) -> None:
+    artifact = read(chain, "embed-means")
+    library = open_library(Store(chain), artifact)
+    path, drawn = run_on(library, Script.of(artifact, library, 10), find_domain("real-like"), seed=1)
+    assert path.skill[:, 0].tolist() == [0, 1, 2, 3, 4, 5, 6, 7, 0, 1]
+    np.testing.assert_array_equal(path.target, library.goals[path.skill[:, 0]])
+    assert set(drawn["latency"].tolist()) == {0.0, 0.05}
+    assert math.isfinite(float(metrics.final_distance(path).max()))
+
+
+def test_a_request_completes_plane_goals_and_takes_the_recipes_where_nothing_is_asked() -> None:
+    point = resolve({"name": "p", "task": {"name": "point"}, "compose": {"task": "triangle"}})
+    assert Request.of(point, "", [(1.0, 2.0)]).waypoints.tolist() == [[1, 2, 0]]
+    assert Request.of(point, "", ()).task == "triangle"
