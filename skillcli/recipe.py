@@ -6,6 +6,7 @@ command line (`--set training.iterations=20`). What results is validated here, o
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import json
 import re
@@ -28,7 +29,7 @@ def value(default: Any, description: str, unit: str = "", **bounds: Any) -> Any:
 
 
 class Section(BaseModel):
-    """Frozen and strict: unknown keys, NaN and infinities are refused."""
+    """Frozen: unknown keys, NaN and infinities are refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -51,7 +52,7 @@ class SkillSet(Section):
 class PointTask(SkillSet):
     """A point in the plane that is moved by velocity; one skill per goal."""
 
-    name: Literal["point"] = "point"
+    name: Literal["point"] = value("point", "which task", "")
     goals: tuple[tuple[float, float], ...] = value(
         ((0, 3), (3, 0), (0, -3), (-3, 0)), "where each skill should end", "m", min_length=1
     )
@@ -66,7 +67,7 @@ class PointTask(SkillSet):
 class ReachTask(SkillSet):
     """The Sawyer's gripper goes to a point in space; one skill per goal."""
 
-    name: Literal["reach"] = "reach"
+    name: Literal["reach"] = value("reach", "which task", "")
     goals: tuple[Vector3, ...] = value(
         (
             (0.5, 0.3, 0.15), (0.5, -0.3, 0.15), (0.5, 0.3, 0.3), (0.5, -0.3, 0.3),
@@ -248,7 +249,7 @@ def resolve(content: Mapping[str, Any], overrides: Iterable[str] = ()) -> Recipe
     Raises:
         UsageError: a key that does not exist or a value that is out of bounds.
     """
-    merged: dict[str, Any] = json.loads(json.dumps(content))
+    merged: dict[str, Any] = copy.deepcopy(dict(content))
     for override in overrides:
         merged = _merge(merged, _override(override))
     try:
@@ -293,7 +294,8 @@ def _read(name: str, seen: tuple[str, ...]) -> dict[str, Any]:
         return content
     if not isinstance(base, str):
         raise UsageError(f"recipe {name!r}: extends must be the name of a recipe, got {base!r}", 'extends = "reach"')
-    return _merge(_read(base, (*seen, name)), content)
+    beside = path.parent / base if base.endswith(".toml") else base
+    return _merge(_read(str(beside), (*seen, name)), content)
 
 
 def _merge(base: dict[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:

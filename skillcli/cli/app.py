@@ -55,6 +55,8 @@ def main() -> None:
     arguments = sys.argv[1:]
     try:
         code = app(args=arguments, standalone_mode=False)
+        if code == 130:  # typer's own way of saying that Ctrl-C was pressed
+            raise KeyboardInterrupt
         sys.exit(code if isinstance(code, int) else 0)
     except SkillError as error:
         _fail(type(error).__name__, error.message, error.hint, error.exit_code)

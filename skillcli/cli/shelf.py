@@ -88,10 +88,12 @@ def verify(context: typer.Context, source: Id = None) -> None:
     session: Session = context.obj
     found = session.pick(source)
     problems = session.store.verify(found)
-    session.result(
-        {"id": str(found), "ok": not problems, "problems": problems},
-        *([f"[green]{found} is whole[/]"] if not problems else [f"[red]{found}[/]: {problem}" for problem in problems]),
-    )
+    payload: dict[str, Any] = {"id": str(found), "ok": not problems, "problems": problems}
+    if problems:
+        hint = "restore it from a copy, or remove it with what was made from it and make it anew"
+        payload["error"] = {"type": "StoreError", "message": f"{found} is damaged: {problems[0]}", "hint": hint}
+    whole = f"[green]{found} is whole[/]"
+    session.result(payload, *([f"[red]{found}[/]: {problem}" for problem in problems] or [whole]))
     if problems:
         raise typer.Exit(1)
 

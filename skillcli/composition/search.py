@@ -53,7 +53,7 @@ class UniformCostSearch:
     Args:
         root: the start state.
         point: (3,) m, the judged point there.
-        waypoints: (W, 3) m, to be met in order; the last one at the end of a segment, the others at any step.
+        waypoints: (W, 3) m, to be met in order, each at any step; the plan ends where the last one is met.
         choices: latents.
         settings: see `Settings`.
     """
@@ -65,13 +65,15 @@ class UniformCostSearch:
         start = Node(None, -1, 0, 0.0, 0, point, root, 0.0)
         self._order = itertools.count()
         self._open: list[tuple[float, int, Node]] = [(self._priority(start), next(self._order), start)]
-        self._visited: set[tuple[int, ...]] = {self._cell(start)}
+        self._cheapest: dict[tuple[int, ...], float] = {self._cell(start): start.cost}
         self.best, self.goal = start, None if len(waypoints) else start
         self.expanded = 0
 
     @property
     def finished(self) -> bool:
         """Whether the cheapest plan is found, the budget is spent, or nothing is left to expand."""
+        while self._open and self._stale(self._open[0][2]):
+            heapq.heappop(self._open)
         if not self._open or self.expanded >= self.settings.budget:
             return True
         return self.goal is not None and self.goal.cost <= self._open[0][0]
@@ -79,7 +81,11 @@ class UniformCostSearch:
     def ask(self, count: int) -> list[Node]:
         """The next nodes to expand, at most `count`; each is to be continued with every choice and duration."""
         left = min(count, self.settings.budget - self.expanded)
-        nodes = [heapq.heappop(self._open)[2] for _ in range(min(left, len(self._open)))]
+        nodes: list[Node] = []
+        while self._open and len(nodes) < left:
+            node = heapq.heappop(self._open)[2]
+            if not self._stale(node):
+                nodes.append(node)
         self.expanded += len(nodes)
         return nodes
 
@@ -97,9 +103,9 @@ class UniformCostSearch:
                 node, int(choice[i]), held, node.cost + held, due, path[held], outcome.rows[i], float(speeds[held - 1])
             )
             cell = self._cell(child)
-            if cell in self._visited:
+            if child.cost >= self._cheapest.get(cell, float("inf")):
                 continue
-            self._visited.add(cell)
+            self._cheapest[cell] = child.cost
             children.append(child)
             self._keep(child)
         return children
@@ -117,6 +123,10 @@ class UniformCostSearch:
                 segments.insert(0, Segment(latent, skill, self.choices.label[choice], node.steps))
             node = node.parent
         return segments
+
+    def _stale(self, node: Node) -> bool:
+        """Whether a cheaper way to the node's cell was found after the node was."""
+        return node.cost > self._cheapest[self._cell(node)]
 
     def _keep(self, child: Node) -> None:
         if child.due == len(self.waypoints):

@@ -66,10 +66,10 @@ class Arms:
         self._qpos[np.ix_(ids, self._qpos_address)] = q
         self._ctrl[ids] = q
         if self._history is not None:  # else the servos would first obey a history of zeros
-            samples = self._history.shape[1] // len(JOINTS) - 2
-            blocks = self._history.reshape(self.num, len(JOINTS), samples + 2)
-            blocks[ids, :, 2:][..., samples:] = q[..., None]
-        self.batch.forward(ids, stage=_NEW_STATE)
+            blocks = self._history.reshape(self.num, len(JOINTS), -1)  # per servo: two counters, n times, n values
+            samples = (blocks.shape[2] - 2) // 2
+            blocks[ids, :, 2 + samples :] = q[..., None]
+        self.batch.forward(np.sort(ids), stage=_NEW_STATE)
 
     def move(self, increment: Array) -> Array:
         """Add increments (N, 7) rad to the commanded targets and advance by one control step.
@@ -92,7 +92,7 @@ class Arms:
     def restore(self, ids: Array, rows: Array) -> None:
         """Put saved states into these slots."""
         self.batch.state[ids] = rows
-        self.batch.forward(ids, stage=_NEW_STATE)
+        self.batch.forward(np.sort(ids), stage=_NEW_STATE)
 
     def perturb(self, parameters: Mapping[str, Array]) -> None:
         """Make each simulation a robot of its own; see `skillcli.envs.domains.PARAMETERS` for names and units.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import resource
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -72,25 +73,27 @@ def pretrain(
         SkillError: training came apart, or the store refuses.
     """
     store.check_writable(name)
-    env = make(recipe.task, recipe.training.simulations, threads)
-    learner = Learner(env, recipe, seed)
     checkpoint = store.checkpoint_path(name, "pretrain", inputs_of(recipe, seed))
-    spent = 0.0
-    if resume and checkpoint.exists():
-        arrays, state = load_checkpoint(checkpoint)
-        learner.load(arrays, state)
-        spent = state["wall_seconds"]
-    bare = BareEngine(env)
-    started = time.perf_counter()
-
-    def save() -> None:
-        arrays, state = learner.state()
-        state["wall_seconds"] = spent + time.perf_counter() - started - bare.seconds
-        save_checkpoint(checkpoint, arrays, state)
-
     with stoppable() as stop:
+        env = make(recipe.task, recipe.training.simulations, threads)
+        learner, bare = Learner(env, recipe, seed), BareEngine(env)
+        spent = 0.0
+        if resume and checkpoint.exists():
+            arrays, state = load_checkpoint(checkpoint)
+            learner.load(arrays, state)
+            spent = state["wall_seconds"]
+        started = time.perf_counter()
+
+        def wall_seconds() -> float:  # of the whole training, without the yardstick itself
+            return spent + time.perf_counter() - started - bare.seconds
+
+        def save() -> None:
+            arrays, state = learner.state()
+            save_checkpoint(checkpoint, arrays, {**state, "wall_seconds": wall_seconds()})
+
         _train(learner, bare, recipe, report, save, stop, command)
-    wall = spent + time.perf_counter() - started - bare.seconds  # whole training, without the yardstick itself
+        wall = wall_seconds()
+        save()  # judging and writing may still be interrupted, or find the disk full
     evaluation = evaluate(recipe, learner.agent, seed, threads)
     artifact = store.write(_draft(recipe, seed, name, command, learner, evaluation, bare.rate, wall))
     remove_checkpoint(checkpoint)
@@ -98,7 +101,13 @@ def pretrain(
 
 
 def _train(
-    learner: Learner, bare: BareEngine, recipe: Recipe, report: Report, save: Any, stop: StopRequest, command: str
+    learner: Learner,
+    bare: BareEngine,
+    recipe: Recipe,
+    report: Report,
+    save: Callable[[], None],
+    stop: StopRequest,
+    command: str,
 ) -> None:
     names, total = skill_names(recipe), recipe.training.iterations
     every = max(1, total // BARE_MEASUREMENTS)

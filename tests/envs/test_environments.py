@@ -153,7 +153,8 @@ def test_shapes_and_types(task: Task) -> None:
     step = env.step(random_actions(env, 1)[0])
     assert step.observation.shape == (3, env.observation_size) and step.observation.dtype == np.float32
     assert step.reward.shape == (3,) and step.terminated.dtype == step.truncated.dtype == bool
-    assert env.judged().shape == (3, 3) and env.goals.shape == (len(task.goals), 3) and env.applied.shape == (3, env.action_size)
+    assert env.judged().shape == (3, 3) and env.goals.shape == (len(task.goals), 3)
+    assert env.applied.shape == (3, env.action_size)
     assert len(env.save(np.array([0, 2]))) == 2
 
 

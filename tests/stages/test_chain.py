@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from skillcli import metrics
+from skillcli.composition.plan import Segment
 from skillcli.envs.domains import find_domain
 from skillcli.recipe import resolve
 from skillcli.stages.compose import Request, execute
@@ -115,8 +116,6 @@ def test_what_the_search_saw_is_what_the_plan_does(chain: Path) -> None:
     store, artifact = Store(chain), read(chain, "compose")
     library = open_library(store, artifact)
     steps = np.round(artifact.arrays["plan/seconds"] / 0.05).astype(int)
-    from skillcli.composition.plan import Segment
-
     plan = [
         Segment(latent, int(skill), "", int(n))
         for latent, skill, n in zip(artifact.arrays["plan/latent"], artifact.arrays["plan/skill"], steps, strict=True)
@@ -151,7 +150,8 @@ def test_the_nominal_domain_repeats_the_source_and_others_do_not(chain: Path) ->
     path, source = recording(read(chain, "transfer-eval")), recording(read(chain, "compose"))
     assert path.joint_position is not None and source.joint_position is not None
     for episode in range(3):
-        np.testing.assert_array_equal(path.joint_position[episode], source.joint_position[0])
+        # the network rounds otherwise when it is asked for three at once
+        np.testing.assert_allclose(path.joint_position[episode], source.joint_position[0], atol=1e-5)
     gaps = [np.abs(path.joint_position[3 + e] - source.joint_position[0]).max() for e in range(3)]
     assert min(gaps) > 1e-4 and len(set(gaps)) == 3
 

@@ -1,0 +1,103 @@
+"""How fast collecting and training go against the bare engine, how fast `skill --help` is, and how much memory it takes.
+
+    python -m tests.bench [ITERATIONS]
+
+Everything is measured in turns in one process, so that a machine which slows down slows both sides of each ratio.
+"""
+
+from __future__ import annotations
+
+import statistics
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from mujoco.batch import Batch
+from rich.console import Console
+from rich.table import Table
+
+from skillcli.envs.reach import ReachEnvironment
+from skillcli.envs.tasks import make
+from skillcli.learning.learner import Learner
+from skillcli.recipe import load_recipe
+from skillcli.stages.pretrain import peak_memory_mb
+
+RAW_STEPS = 24  # control steps of the bare engine after each iteration
+STARTS = 7  # of each program
+
+EMPTY_PROGRAM = """
+import typer
+app = typer.Typer()
+@app.command()
+def nothing() -> None: ...
+app()
+"""
+
+
+def raw_seconds(raw: Batch, env: ReachEnvironment, rng: np.random.Generator) -> float:
+    """Time for some control steps of a bare batch, from the states and on the targets that the training is at."""
+    raw.state[:] = env.arms.batch.state
+    control, limit = raw.bind("ctrl"), env.arms.action_limit
+    increments = rng.uniform(-limit, limit, (RAW_STEPS, *control.shape))
+    began = time.perf_counter()
+    for increment in increments:
+        control += increment
+        raw.step(nstep=env.arms.substeps)
+    return time.perf_counter() - began
+
+
+def throughput(iterations: int) -> dict[str, float]:
+    """Control steps per second: the bare engine, while collecting, and over the whole training."""
+    recipe = load_recipe("reach")
+    env = make(recipe.task, recipe.training.simulations)
+    assert isinstance(env, ReachEnvironment)
+    learner = Learner(env, recipe, seed=0)
+    raw, rng = Batch(env.arms.model, env.num, persistent=True), np.random.default_rng(0)
+    learner.iterate()  # first calls are slow everywhere
+    raw_seconds(raw, env, rng)
+    steps, sampling = learner.env_steps, learner.sampling_seconds
+    training = bare = 0.0
+    for _ in range(iterations):
+        began = time.perf_counter()
+        learner.iterate()
+        training += time.perf_counter() - began
+        bare += raw_seconds(raw, env, rng)
+    steps = learner.env_steps - steps
+    return {
+        "bare engine": RAW_STEPS * env.num * iterations / bare,
+        "collecting": steps / (learner.sampling_seconds - sampling),
+        "whole training": steps / training,
+    }
+
+
+def start_seconds(command: list[str]) -> float:
+    """Median time of a program from start to end."""
+    taken = []
+    for _ in range(STARTS):
+        began = time.perf_counter()
+        subprocess.run(command, check=True, capture_output=True)
+        taken.append(time.perf_counter() - began)
+    return statistics.median(taken)
+
+
+def main() -> None:
+    """Measure and print."""
+    iterations = int(sys.argv[1]) if len(sys.argv) > 1 else 8
+    rates = throughput(iterations)
+    memory = peak_memory_mb()
+    empty = start_seconds([sys.executable, "-c", EMPTY_PROGRAM, "--help"])
+    skill = start_seconds([str(Path(sys.executable).parent / "skill"), "--help"])
+    table = Table("what", "measured", "ratio", "wanted")
+    wanted = {"bare engine": "", "collecting": "≥ 0.9", "whole training": "≥ 0.6"}
+    for name, rate in rates.items():
+        table.add_row(name, f"{rate:,.0f} control steps/s", f"{rate / rates['bare engine']:.2f}", wanted[name])
+    table.add_row("empty typer program", f"{empty:.2f} s", "1.00", "")
+    table.add_row("skill --help", f"{skill:.2f} s", f"{skill / empty:.2f}", "≤ 3")
+    table.add_row("peak memory", f"{memory:,.0f} MB", "", "< 1000 MB")
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()

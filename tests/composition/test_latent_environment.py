@@ -1,0 +1,77 @@
+"""Holding latents in a world without a simulator: a latent is a velocity, and beyond x = 10 a simulation fails."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from skillcli.composition.latent_environment import LatentEnvironment
+from skillcli.envs.tasks import make
+from skillcli.recipe import ReachTask
+from skillcli.trajectories import Array
+
+
+class Plane:
+    def __init__(self, num: int) -> None:
+        self.num, self.position = num, np.zeros((num, 3))
+
+    def observe(self) -> Array:
+        return self.position.copy()
+
+    def judged(self) -> Array:
+        return self.position.copy()
+
+    def step(self, action: Array) -> Any:
+        self.position = self.position + action
+        return SimpleNamespace(observation=self.observe(), terminated=self.position[:, 0] > 10)
+
+    def save(self, ids: Array) -> Array:
+        return self.position[ids]
+
+    def restore(self, ids: Array, rows: Array) -> None:
+        self.position[ids] = rows
+
+
+def act(observation: Array, latent: Array) -> Array:
+    return latent
+
+
+@pytest.mark.parametrize("slots", [1, 3, 7, 20])
+def test_any_number_of_states_is_held_in_any_number_of_slots(slots: int) -> None:
+    rng = np.random.default_rng(0)
+    rows, latent = rng.normal(size=(7, 3)), rng.normal(size=(7, 3))
+    world = LatentEnvironment(Plane(slots), act)
+    outcome = world.hold(rows, latent, 4)
+    path = rows[:, None] + np.arange(5)[None, :, None] * latent[:, None]
+    np.testing.assert_allclose(outcome.path, path)
+    np.testing.assert_allclose(outcome.rows, path[:, -1])
+    assert not outcome.failed.any() and world.control_steps == 7 * 4
+
+
+def test_a_failure_on_the_way_is_kept_even_if_it_passes() -> None:
+    rows, latent = np.array([[9.5, 0, 0], [0, 0, 0]]), np.array([[1.0, 0, 0], [1, 0, 0]])
+    assert LatentEnvironment(Plane(2), act).hold(rows, latent, 3).failed.tolist() == [True, False]
+
+
+def test_the_start_is_where_the_first_slot_stands() -> None:
+    plane = Plane(2)
+    plane.position[0] = [1, 2, 3]
+    row, point = LatentEnvironment(plane, act).start()
+    assert row.tolist() == point.tolist() == [1, 2, 3]
+
+
+def test_holding_on_the_arm_equals_stepping_it_directly() -> None:
+    def joint_policy(observation: Array, latent: Array) -> Array:
+        return np.clip(latent + 0.5 * observation[:, :7], -1, 1)
+
+    env, twin = make(ReachTask(), 2, threads=1), make(ReachTask(), 5, threads=1)
+    latent = np.random.default_rng(0).uniform(-1, 1, (5, 7))
+    rows = twin.save(np.arange(5))
+    outcome = LatentEnvironment(env, joint_policy).hold(rows, latent, 3)
+    for t in range(1, 4):
+        twin.step(joint_policy(twin.observe(), latent))
+        np.testing.assert_array_equal(outcome.path[:, t], twin.judged())
+    np.testing.assert_array_equal(outcome.rows, twin.save(np.arange(5)))

@@ -1,0 +1,180 @@
+"""The search in worlds without a simulator: a latent moves the point by a fixed step, and the state is the position."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skillcli.composition.latent_environment import Outcome
+from skillcli.composition.plan import Choices
+from skillcli.composition.search import Node, Settings, UniformCostSearch, search
+from skillcli.trajectories import Array
+
+RIGHT, UP, DIAGONAL = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 1.0, 0.0)
+COMPASS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
+SETTINGS = Settings(
+    durations=(1,), tolerance=0.1, resolution=0.5, step_seconds=1.0, weight=0.0, max_speed=math.sqrt(2), final_speed=math.inf,
+    budget=1000,
+)  # fmt: skip
+
+
+class World:
+    """Positions; whoever leaves `inside` fails."""
+
+    def __init__(self, inside: Callable[[Array], Array] | None = None) -> None:
+        self.inside, self.control_steps = inside, 0
+
+    def hold(self, rows: Array, latent: Array, steps: int) -> Outcome:
+        path = rows[:, None] + np.arange(steps + 1)[None, :, None] * latent[:, None]
+        failed = np.zeros(len(rows), dtype=bool)
+        if self.inside is not None:
+            failed = ~self.inside(path).all(axis=1)
+        self.control_steps += steps * len(rows)
+        return Outcome(path, failed, path[:, -1])
+
+
+def choices(*latent: tuple[float, ...]) -> Choices:
+    return Choices.of(np.array(latent), interpolated=False)
+
+
+def planner(waypoints: list[tuple[float, ...]], latent: Choices, **changes: object) -> UniformCostSearch:
+    settings = replace(SETTINGS, **changes)  # type: ignore[arg-type]
+    return UniformCostSearch(np.zeros(3), np.zeros(3), np.array(waypoints), latent, settings)
+
+
+def solve(plan: UniformCostSearch, world: World | None = None, batch: int = 1) -> Node:
+    return search(plan, world or World(), batch, lambda *_: None)  # type: ignore[arg-type]
+
+
+def test_uniform_cost_finds_the_shortest_way() -> None:
+    plan = planner([(3, 2, 0)], choices(RIGHT, UP, DIAGONAL))
+    node = solve(plan)
+    assert node is plan.goal and node.cost == 3, "two diagonals and one to the right"
+    assert sorted(segment.label for segment in plan.plan(node) for _ in range(segment.steps)) == ["1", "3", "3"]
+    np.testing.assert_allclose(node.point, [3, 2, 0])
+
+
+def test_the_admissible_heuristic_finds_the_same_cost_with_no_more_work() -> None:
+    blind, guided = (planner([(3, 2, 0)], choices(*COMPASS, DIAGONAL), weight=weight) for weight in (0.0, 1.0))
+    assert solve(blind).cost == solve(guided).cost == 3
+    assert guided.expanded < blind.expanded
+
+
+@pytest.mark.parametrize("batch", [1, 4, 32])
+def test_expanding_several_nodes_at_once_finds_the_same_cost(batch: int) -> None:
+    assert solve(planner([(4, -3, 0)], choices(*COMPASS, DIAGONAL)), batch=batch).cost == 7
+
+
+def test_a_cheaper_way_found_later_replaces_the_dearer_one() -> None:
+    # three slow steps to x = 3 are seen before two fast ones
+    plan = planner([(3, 0, 0)], choices((1.0, 0, 0), (1.5, 0, 0)), durations=(1, 3), max_speed=1.5)
+    assert solve(plan).cost == 2
+
+
+def cheapest(moves: Array, durations: tuple[int, ...], goal: tuple[int, ...], limit: int) -> float:
+    """Dijkstra on the grid, for moves between grid points; a goal that is passed counts."""
+    cost, open_ = {(0, 0): 0}, [(0, (0, 0))]
+    best = math.inf
+    while open_:
+        spent, at = heapq.heappop(open_)
+        if spent > cost[at] or spent >= best:
+            continue
+        for move in moves:
+            for steps in durations:
+                passed = [(at[0] + int(move[0]) * t, at[1] + int(move[1]) * t) for t in range(1, steps + 1)]
+                if goal in passed:
+                    best = min(best, spent + passed.index(goal) + 1)
+                end = passed[-1]
+                if max(map(abs, end)) <= limit and spent + steps < cost.get(end, math.inf):
+                    cost[end] = spent + steps
+                    heapq.heappush(open_, (spent + steps, end))
+    return best
+
+
+@pytest.mark.parametrize("weight", [0.0, 1.0])
+def test_random_worlds_are_solved_at_the_least_cost(weight: float) -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        moves = np.concatenate([rng.integers(-3, 4, (4, 2)), np.zeros((4, 1), dtype=int)], axis=1).astype(float)
+        goal = tuple(int(x) for x in rng.integers(-4, 5, 2))
+        if goal == (0, 0):
+            continue
+        durations = (1, 3)
+        top = float(np.linalg.norm(moves, axis=1).max())
+        expected = cheapest(moves, durations, goal, 12)
+        plan = planner(
+            [(*goal, 0)], choices(*map(tuple, moves)), durations=durations, weight=weight, max_speed=top, budget=3000
+        )
+        found = solve(plan, World(lambda path: (np.abs(path[:, 1:]) <= 12).all(axis=2)))
+        assert (plan.goal is not None) == math.isfinite(expected)
+        assert plan.goal is None or found.cost == expected, f"moves {moves[:, :2].tolist()}, goal {goal}"
+
+
+def test_waypoints_are_met_in_order() -> None:
+    plan = planner([(2, 0, 0), (0, 0, 0), (0, 1, 0)], choices(*COMPASS))
+    node = solve(plan)
+    assert node.cost == 5 and node.due == 3
+    assert "".join(segment.label * segment.steps for segment in plan.plan(node)) == "11332"
+
+
+def test_several_waypoints_may_be_passed_within_one_segment() -> None:
+    plan = planner([(1, 0, 0), (2, 0, 0), (3, 0, 0)], choices(*COMPASS), durations=(4,))
+    node = solve(plan)
+    assert node.cost == 3 and [segment.steps for segment in plan.plan(node)] == [3], "and the plan ends at the last one"
+
+
+def test_at_the_end_of_its_budget_the_nearest_node_is_given() -> None:
+    plan = planner([(50, 0, 0)], choices(*COMPASS), budget=20, weight=1.0, max_speed=1.0)
+    node = solve(plan)
+    assert plan.expanded == 20 and plan.goal is None
+    assert node.point.tolist() == [20, 0, 0], "straight towards the goal"
+    several = planner([(50, 0, 0)], choices(*COMPASS), budget=20)
+    solve(several, batch=8)
+    assert several.expanded == 20, "the last batch is cut short"
+
+
+def test_meeting_more_waypoints_counts_more_than_being_near() -> None:
+    plan = planner([(1, 0, 0), (-60, 0, 0)], choices(*COMPASS), budget=30)
+    assert solve(plan).due == 1
+
+
+def test_states_in_one_cell_are_expanded_once() -> None:
+    plan = planner([(9, 0, 0)], choices(*COMPASS), budget=10_000)
+    solve(plan, World(lambda path: (np.abs(path) <= 2).all(axis=2)))
+    assert plan.goal is None and plan.expanded == 25, "the 5 x 5 grid points there are"
+
+
+def test_failed_outcomes_are_dropped() -> None:
+    wall = World(lambda path: ~((path[..., 0] == 1) & (path[..., 1] < 2)))
+    plan = planner([(2, 0, 0)], choices(*COMPASS), budget=200)
+    assert solve(plan, wall).cost == 6, "around the wall, not through it"
+
+
+def test_the_last_goal_must_be_met_slowly_where_asked() -> None:
+    fast, slow = (2.0, 0.0, 0.0), (0.5, 0.0, 0.0)
+    assert solve(planner([(2, 0, 0)], choices(fast, slow))).cost == 1
+    careful = planner([(2, 0, 0)], choices(fast, slow), final_speed=1.0)
+    node = solve(careful)
+    assert node.cost == 4 and node.speed == 0.5
+    passing = planner([(2, 0, 0), (2.5, 0, 0)], choices(fast, slow), final_speed=1.0)
+    assert solve(passing).cost == 2, "waypoints before the last may be passed at any speed"
+
+
+def test_the_same_latent_twice_in_a_row_is_one_segment() -> None:
+    plan = planner([(3, 1, 0)], choices(RIGHT, UP))
+    segments = plan.plan(solve(plan))
+    labels = [segment.label for segment in segments]
+    assert all(a != b for a, b in itertools.pairwise(labels))
+    assert sum(segment.steps for segment in segments) == 4
+    assert {segment.skill for segment in segments} == {0, 1}
+
+
+def test_nothing_to_meet_is_met_at_once() -> None:
+    plan = UniformCostSearch(np.zeros(3), np.zeros(3), np.zeros((0, 3)), choices(RIGHT), SETTINGS)
+    assert plan.finished and plan.plan(solve(plan)) == []

@@ -1,0 +1,158 @@
+"""Training as a whole, on a point recipe of milliseconds."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+import torch
+
+from skillcli.envs.environment import Step
+from skillcli.envs.point import PointEnvironment
+from skillcli.envs.tasks import make
+from skillcli.learning import te_ppo
+from skillcli.learning.agent import windows
+from skillcli.learning.learner import Learner
+from skillcli.learning.rollout import StartPool, collect, start_episodes
+from skillcli.recipe import PointTask, load_recipe
+from skillcli.trajectories import Array
+
+RECIPE = load_recipe(
+    "point",
+    ["training.iterations=6", "training.simulations=8", "training.minibatch=20", "training.epochs=3", "task.horizon=10"],
+)
+
+
+def learner(seed: int = 0, num: int = 8) -> Learner:
+    return Learner(make(RECIPE.task, num), RECIPE, seed)
+
+
+def run(trained: Learner, iterations: int) -> Learner:
+    for _ in range(iterations):
+        trained.iterate()
+    return trained
+
+
+def same(first: Learner, second: Learner) -> bool:
+    weights, others = first.agent.arrays(), second.agent.arrays()
+    curves = first.curves == second.curves
+    return curves and all(np.array_equal(weights[name], others[name]) for name in weights)
+
+
+def test_the_same_seed_trains_the_same_weights_bit_for_bit() -> None:
+    first, again, other = run(learner(), 3), run(learner(), 3), run(learner(seed=1), 3)
+    assert same(first, again) and not same(first, other)
+
+
+def test_training_goes_on_from_a_saved_state_bit_for_bit() -> None:
+    whole = run(learner(), 6)
+    half = run(learner(), 3)
+    arrays, state = half.state()
+    arrays = {path: array.copy() for path, array in arrays.items()}
+    run(half, 1)  # must not reach into what was saved
+    resumed = learner(seed=9)
+    resumed.load(arrays, state)
+    assert resumed.iteration == 3 and not resumed.finished
+    assert same(run(resumed, 3), whole) and resumed.finished
+    assert resumed.env_steps == whole.env_steps == 6 * 8 * 10
+
+
+def test_a_point_learns_its_skills() -> None:
+    recipe = load_recipe("point", ["training.chained_starts=0"])
+    trained = run(Learner(make(recipe.task, 32), recipe, 0), 15)
+    regret = -np.array(trained.curves["return"])
+    assert regret[-3:].mean() < 0.8 * regret[:3].mean()
+
+
+def test_every_iteration_gives_one_point_on_every_curve() -> None:
+    trained = run(learner(), 2)
+    assert {"return", "success_rate", "final_distance", "kl", "inference_log_prob", "value_loss", "success/4"} <= set(
+        trained.curves
+    )
+    assert {len(curve) for curve in trained.curves.values()} == {2}
+    assert trained.curves["env_steps"] == [80, 160]
+
+
+def test_the_embedding_learns_through_the_policy() -> None:
+    trained = learner()
+    rollout = collect(trained.env, trained.agent, trained.pool, 0.0, trained.rng)
+    batch, _ = te_ppo.prepare(rollout, trained.agent, RECIPE.training)
+    training = RECIPE.training.model_copy(update={"embedding_entropy": 0.0, "policy_entropy": 0.0})
+    te_ppo.update(batch, trained.agent, trained.optimizers, training, 0.0, trained.rng)
+    for weight in (trained.agent.embedding.raw_mean, trained.agent.embedding.raw_std):
+        assert weight.grad is not None and (weight.grad.abs().sum(1) > 0).all(), "every skill"
+
+
+def test_a_batch_is_the_rollout_without_what_lies_behind_a_failure() -> None:
+    trained = learner()
+    trained.iterate()
+    rollout = collect(trained.env, trained.agent, trained.pool, 0.5, trained.rng)
+    valid = rollout.valid.copy()
+    valid[4:, 2] = False
+    batch, logged = te_ppo.prepare(replace(rollout, valid=valid), trained.agent, RECIPE.training)
+    count = 8 * 10 - 6
+    assert {len(getattr(batch, field.name)) for field in fields(batch)} == {count}
+    assert float(batch.advantage.mean()) == pytest.approx(0, abs=1e-5) and float(batch.advantage.std()) == pytest.approx(
+        1, abs=1e-4
+    )
+    np.testing.assert_allclose(batch.action, rollout.action[valid])
+    normalized = trained.agent.normalizer(torch.from_numpy(rollout.observation))
+    expected = windows(normalized, trained.agent.window)[1:][torch.from_numpy(valid)]
+    np.testing.assert_array_equal(batch.window, expected)
+    assert set(logged) == {"inference_log_prob", "explained_variance"}
+
+
+def test_one_latent_per_episode_and_its_noise_is_kept() -> None:
+    trained = learner()
+    rollout = collect(trained.env, trained.agent, trained.pool, 0.0, trained.rng)
+    mean, std = trained.agent.embed()
+    np.testing.assert_allclose(rollout.latent, mean[rollout.skill] + std[rollout.skill] * rollout.noise, rtol=1e-5)
+    assert sorted(rollout.skill.tolist()) == [0, 0, 1, 1, 2, 2, 3, 3]
+    assert rollout.observation.shape == (11, 8, 2) and rollout.valid.all() and not rollout.terminated.any()
+    np.testing.assert_allclose(rollout.observation[0], 0, err_msg="without chained starts all begin at the start")
+
+
+class Breaking(PointEnvironment):
+    """Simulation 1 fails in every third step."""
+
+    taken = 0
+
+    def step(self, action: Array) -> Step:
+        step, self.taken = super().step(action), self.taken + 1
+        step.terminated[1] = self.taken % 10 == 3
+        return step
+
+
+def test_what_comes_behind_a_failure_is_not_learned_from() -> None:
+    trained = learner()
+    assert isinstance(RECIPE.task, PointTask)
+    env, pool = Breaking(RECIPE.task, 8), StartPool(100)
+    rollout = collect(env, trained.agent, pool, 0.0, trained.rng)
+    assert rollout.valid[:, 1].tolist() == [True] * 3 + [False] * 7
+    assert np.isinf(rollout.final_distance[1]) and np.isfinite(np.delete(rollout.final_distance, 1)).all()
+    assert 4 * 7 <= pool.filled <= 4 * 7 + 3, "nobody starts where someone failed"
+    failing = Learner(env, RECIPE, 0)
+    assert all(np.isfinite(list(failing.iterate().values())))
+
+
+def test_the_pool_is_a_ring_of_the_latest_states() -> None:
+    pool = StartPool(3)
+    pool.add(np.array([[1.0], [2]]))
+    assert pool.filled == 2 and set(pool.draw(50, np.random.default_rng(0)).ravel()) == {1, 2}
+    pool.add(np.array([[3.0], [4]]))
+    assert pool.filled == 3 and set(pool.draw(50, np.random.default_rng(0)).ravel()) == {2, 3, 4}
+    pool.add(np.array([[5.0]]))
+    assert set(pool.draw(50, np.random.default_rng(0)).ravel()) == {3, 4, 5}
+
+
+def test_chained_episodes_begin_where_earlier_ones_passed() -> None:
+    env, rng, pool = make(PointTask(), 400), np.random.default_rng(0), StartPool(10)
+    start_episodes(env, pool, 0.7, rng)
+    assert (env.judged() == 0).all(), "nothing has passed anywhere yet"
+    pool.add(np.array([[1.0, 2.0]]))
+    skills = start_episodes(env, pool, 0.7, rng)
+    passed = (env.judged()[:, :2] == [1, 2]).all(axis=1)
+    assert float(passed.mean()) == pytest.approx(0.7, abs=0.06)
+    np.testing.assert_array_equal(env.target, env.goals[skills])
+    assert np.bincount(skills).tolist() == [100] * 4

@@ -1,0 +1,90 @@
+"""The formulas of TE-PPO against numbers worked out by hand."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from skillcli.learning import gaussian
+from skillcli.learning.te_ppo import adapted_learning_rate, approximate_kl, augmented_reward, surrogate_loss
+from skillcli.recipe import Training
+
+LOG_2PI = 1.8378770664
+
+
+def test_log_density_of_a_gaussian() -> None:
+    # one sigma off in both dimensions: -1/2 * (1 + 1) - log(2 pi) - log(1 * 2)
+    x, mean, std = torch.tensor([[1.0, 3.0]]), torch.tensor([0.0, 1.0]), torch.tensor([1.0, 2.0])
+    assert gaussian.log_prob(x, mean, std).tolist() == pytest.approx([-1 - LOG_2PI - math.log(2)])
+
+
+def test_entropy_of_a_gaussian() -> None:
+    # per dimension 1/2 * (1 + log(2 pi)) + log std
+    assert float(gaussian.entropy(torch.tensor([1.0, 2.0]))) == pytest.approx(1 + LOG_2PI + math.log(2))
+
+
+def test_a_bounded_std_keeps_its_bounds_and_has_an_inverse() -> None:
+    assert gaussian.bounded_std(torch.tensor([-30.0, 0.0, 30.0]), 0.05, 0.45).tolist() == pytest.approx([0.05, 0.25, 0.45])
+    raw = gaussian.inverse_bounded_std(0.3, 0.05, 0.5)
+    assert float(gaussian.bounded_std(torch.tensor(raw), 0.05, 0.5)) == pytest.approx(0.3)
+
+
+# ratio, advantage, what the objective counts with a clip of 0.2, whether it still pulls
+SURROGATE = [
+    (1.0, 2.0, 2.0, True),
+    (1.5, 1.0, 1.2, False),  # good, and made likelier than allowed
+    (0.5, 1.0, 0.5, True),  # good, and made unlikelier: pull it back
+    (1.5, -1.0, -1.5, True),  # bad, and made likelier: push it back
+    (0.5, -1.0, -0.8, False),  # bad, and made unlikelier than allowed
+]
+
+
+@pytest.mark.parametrize(("ratio", "advantage", "counted", "pulls"), SURROGATE)
+def test_the_surrogate_is_clipped_only_where_it_would_gain(ratio: float, advantage: float, counted: float, pulls: bool) -> None:
+    old = torch.tensor([-1.0])
+    new = (old + math.log(ratio)).requires_grad_()
+    loss = surrogate_loss(new, old, torch.tensor([advantage]), 0.2)
+    assert float(loss.detach()) == pytest.approx(-counted)
+    loss.backward()  # type: ignore[no-untyped-call]
+    assert new.grad is not None and bool(new.grad != 0) == pulls
+
+
+def test_the_surrogate_is_a_mean_over_samples() -> None:
+    ratio, advantage = (torch.tensor([row[i] for row in SURROGATE]) for i in (0, 1))
+    loss = surrogate_loss(ratio.log(), torch.zeros(5), advantage, 0.2)
+    assert float(loss) == pytest.approx(-(2.0 + 1.2 + 0.5 - 1.5 - 0.8) / 5)
+
+
+def test_approximate_kl_by_hand_and_never_negative() -> None:
+    # ratios 2 and 1: ((2 - 1 - log 2) + 0) / 2
+    assert float(approximate_kl(torch.tensor([math.log(2), 0.0]), torch.zeros(2))) == pytest.approx((1 - math.log(2)) / 2)
+    assert float(approximate_kl(torch.tensor([-0.3]), torch.zeros(1))) > 0
+
+
+def test_approximate_kl_estimates_the_divergence_of_two_gaussians() -> None:
+    x = torch.randn(200_000, 1, generator=torch.Generator().manual_seed(0))
+    old = gaussian.log_prob(x, torch.zeros(1), torch.ones(1))
+    new = gaussian.log_prob(x, torch.full((1,), 0.2), torch.ones(1))
+    assert float(approximate_kl(new, old)) == pytest.approx(0.2**2 / 2, rel=0.02)
+
+
+def test_the_reward_is_scaled_and_diversity_is_clipped_on_both_sides() -> None:
+    training = Training(reward_scale=5, inference_reward=0.02, inference_clip=6)
+    found = augmented_reward(np.full((1, 3), -1.0), np.array([[3.0, 10.0, -10.0]]), training)
+    assert found.tolist() == [pytest.approx([-5 + 0.06, -5 + 0.12, -5 - 0.12])]
+
+
+@pytest.mark.parametrize(
+    ("rate", "kl", "expected"),
+    [
+        (1e-3, 0.021, 1e-3 / 1.5),
+        (1e-3, 0.004, 1.5e-3),
+        (1e-3, 0.01, 1e-3),
+        (1e-3, 0.019, 1e-3),
+        (1e-5, 1.0, 1e-5),
+        (1e-2, 0.0, 1e-2),
+    ],
+)
+def test_the_step_size_follows_the_kl_divergence_within_bounds(rate: float, kl: float, expected: float) -> None:
+    assert adapted_learning_rate(rate, kl, target=0.01) == pytest.approx(expected)

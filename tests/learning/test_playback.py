@@ -1,0 +1,98 @@
+"""Recordings and their judgement, on a world where a latent is a velocity."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from skillcli.learning.playback import play, play_waypoints
+from skillcli.trajectories import Array
+
+
+class Line:
+    """N points on a line; simulation i fails in the step after `fails[i]` steps."""
+
+    control_period, tolerance = 0.5, 0.1
+
+    def __init__(self, targets: list[float], fails: dict[int, int] | None = None) -> None:
+        self.num = len(targets)
+        self.target = np.array([[t, 0.0, 0.0] for t in targets])
+        self.x = np.zeros(self.num)
+        self.applied = np.zeros((self.num, 1))
+        self.fails, self.taken = fails or {}, 0
+
+    def observe(self) -> Array:
+        return self.x[:, None].astype(np.float32)
+
+    def judged(self) -> Array:
+        return np.stack([self.x, 0 * self.x, 0 * self.x], axis=1)
+
+    def snapshot(self) -> dict[str, Array]:
+        return {"gripper_position": self.judged()}
+
+    def step(self, action: Array) -> Any:
+        self.taken += 1
+        self.applied = action
+        self.x = self.x + action[:, 0]
+        terminated = np.array([self.fails.get(i) == self.taken for i in range(self.num)])
+        return SimpleNamespace(observation=self.observe(), reward=-self.x, terminated=terminated)
+
+
+def act(observation: Array, latent: Array) -> Array:
+    return latent
+
+
+def held(*velocity: float, steps: int = 4) -> tuple[Array, Array]:
+    return np.repeat(np.array(velocity)[:, None, None], steps, axis=1), np.zeros((len(velocity), steps), dtype=int)
+
+
+def test_success_is_the_end_within_the_tolerance_without_any_failure() -> None:
+    # arrives; passes and goes on; arrives but failed on the way; does not arrive
+    env = Line([4.05, 2.0, 4.0, 4.2], fails={2: 2})
+    recording, _ = play(env, act, *held(1, 1, 1, 1))
+    assert recording.success.tolist() == [True, False, False, False]
+    assert recording.length.tolist() == [4, 4, 2, 4]
+
+
+def test_only_the_first_failure_ends_an_episode() -> None:
+    env = Line([0.0])
+    env.step_before = env.step  # type: ignore[attr-defined]
+
+    def failing(action: Array) -> Any:
+        step = env.step_before(action)  # type: ignore[attr-defined]
+        return SimpleNamespace(**{**vars(step), "terminated": np.array([env.taken >= 2])})
+
+    env.step = failing  # type: ignore[method-assign]
+    assert play(env, act, *held(1))[0].length.tolist() == [2]
+
+
+def test_a_recording_holds_every_step_on_one_clock() -> None:
+    recording, observation = play(Line([4.0, 0.0]), act, *held(1, 0.5))
+    assert recording.time.tolist() == [0, 0.5, 1, 1.5, 2]
+    assert recording.gripper_position is not None
+    assert recording.gripper_position[1, :, 0].tolist() == [0, 0.5, 1, 1.5, 2]
+    assert recording.action[0, :, 0].tolist() == [1, 1, 1, 1] and recording.reward[0].tolist() == [-1, -2, -3, -4]
+    assert observation.shape == (2, 5, 1) and observation[1, -1, 0] == 2
+
+
+def test_latents_may_change_along_the_way() -> None:
+    latent = np.array([[[1.0], [1.0], [-1.0], [0.0]]])
+    recording, _ = play(Line([1.0]), act, latent, np.array([[0, 0, 1, -1]]))
+    assert recording.success.tolist() == [True] and recording.skill.tolist() == [[0, 0, 1, -1]]
+
+
+def test_waypoints_must_be_met_in_order_and_the_last_one_held() -> None:
+    def judged(path: list[float], *waypoints: float) -> bool:
+        velocity = np.diff([0.0, *path])[None, :, None]
+        line = np.array([[x, 0.0, 0.0] for x in waypoints])
+        recording = play_waypoints(Line([99.0]), act, velocity, np.zeros((1, len(path)), dtype=int), line)
+        np.testing.assert_array_equal(recording.target, line[-1:])
+        return bool(recording.success[0])
+
+    assert judged([1, 2, 1], 2, 1)
+    assert judged([1, 2, 3], 1, 2, 3)
+    assert not judged([1, 2, 3], 2, 1), "the second was passed before the first"
+    assert not judged([2, 1, 3], 2, 1), "met, and left again"
+    assert not judged([1, 3], 2, 3), "the first was missed"
