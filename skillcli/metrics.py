@@ -76,21 +76,26 @@ def most_likely_skill(latent: Array, mean: Array, std: Array) -> Array:
     return skill
 
 
-def ordered_approach(path: Array, waypoints: Array) -> Array:
+MISSED = 1e6  # m, more than any sum of distances: meeting one waypoint more always counts first
+
+
+def ordered_approach(path: Array, waypoints: Array, tolerance: float) -> Array:
     """How close a path comes to waypoints that are due one after the other, (W,) m.
 
-    Each waypoint gets one moment, the moments in the order of the waypoints, so that the sum of distances is smallest
-    (dynamic programming over time): a vertex only counts as approached after the ones before it.
+    Each waypoint gets one moment, the moments in the order of the waypoints (dynamic programming over time): as many
+    as possible within the tolerance, and then the sum of distances as small as possible. All are within the tolerance
+    exactly when the path meets them in order.
 
     Args:
         path: (T, 3) m.
         waypoints: (W, 3) m.
+        tolerance: m.
     """
     distance = np.linalg.norm(path[None] - waypoints[:, None], axis=-1)  # (W, T)
     smallest: Array = np.zeros(len(path))  # sum of distances up to here, with every waypoint so far served
     moments = []
     for row in distance:
-        total = smallest + row
+        total = smallest + row + np.where(row > tolerance, MISSED, 0.0)
         smallest = np.minimum.accumulate(total)
         moments.append(np.maximum.accumulate(np.where(total <= smallest, np.arange(len(path)), 0)))
     moment, closest = len(path) - 1, np.empty(len(waypoints))

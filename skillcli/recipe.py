@@ -42,10 +42,12 @@ class SkillSet(Section):
 
     @model_validator(mode="after")
     def _one_name_each(self) -> SkillSet:
+        if len(set(self.goals)) != len(self.goals):
+            raise ValueError("two skills have the same goal")
         if self.names and (len(self.names) != len(self.goals) or len(set(self.names)) != len(self.names)):
             raise ValueError(f"{len(self.goals)} goals need as many different names, got {list(self.names)}")
-        if any(not re.fullmatch(r"[A-Za-z0-9_.+=-]{1,32}", name) for name in self.names):
-            raise ValueError("names consist of letters, digits and _ . + = -")
+        if any(not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.+=-]{0,31}", name) for name in self.names):
+            raise ValueError("names start with a letter or digit and hold letters, digits and _ . + = -")
         return self
 
 
@@ -122,7 +124,7 @@ class Network(Section):
     policy_hidden: tuple[int, ...] = value((128, 128), "hidden layers of the policy", "units")
     value_hidden: tuple[int, ...] = value((128, 128), "hidden layers of the value function", "units")
     inference_hidden: tuple[int, ...] = value((64, 64), "hidden layers of the inference network", "units")
-    initial_action_std: float = value(0.6, "exploration at the start, in units of the action limit", "", gt=0, le=5)
+    initial_action_std: float = value(0.6, "exploration at the start, in units of the action limit", "", ge=0.02, le=1)
 
     @model_validator(mode="after")
     def _positive(self) -> Network:
@@ -134,7 +136,7 @@ class Network(Section):
 class Training(Section):
     """TE-PPO: proximal policy optimisation of policy and embedding together."""
 
-    simulations: int = value(256, "simulations side by side", "", ge=1, le=65_536)
+    simulations: int = value(256, "simulations side by side", "", ge=1, le=8192)
     iterations: int = value(60, "rollouts, each followed by one update", "", ge=1, le=1_000_000)
     chained_starts: float = value(
         0.7, "share of episodes that begin where an earlier rollout passed; the others begin at the start", "", ge=0, le=1
@@ -160,7 +162,7 @@ class Training(Section):
 class Evaluation(Section):
     """How skills are judged, always with deterministic actions on the nominal robot."""
 
-    latents: int = value(100, "latents drawn from p(z|t) per skill", "", ge=1, le=100_000)
+    latents: int = value(100, "latents drawn from p(z|t) per skill", "", ge=1, le=10_000)
     stored: int = value(8, "of these, how many episodes per skill are kept as trajectories", "", ge=0, le=1000)
 
 
@@ -169,13 +171,13 @@ class Search(Section):
 
     segments: tuple[float, ...] = value((0.25,), "how long one latent may be held", "s", min_length=1)
     interpolated: bool = value(False, "offer the half-way latents of all pairs of skills beside the means")
-    resolution: float = value(0.02, "two states closer than this count as one", "m", gt=0)
+    resolution: float = value(0.02, "two states closer than this count as one", "m", ge=1e-4, le=10)
     goal_tolerance: float = value(0.02, "a waypoint counts as met within this; the task's tolerance is the judge", "m", gt=0)
     max_speed: float = value(
         2.0, "no faster motion is thought possible; gives the admissible heuristic, 0 for none", "m/s", ge=0
     )
     weight: float = value(
-        1.0, "weight of the heuristic: 0 uniform cost, 1 A*, above 1 a plan at most that many times as long", "", ge=0
+        1.0, "weight of the heuristic: 0 uniform cost, 1 A*, above 1 faster to find, up to that much longer", "", ge=0
     )
     final_speed: float = value(0.0, "the last goal counts as met only at or below this speed; 0 for any", "m/s", ge=0)
     batch: int = value(32, "nodes that are expanded at once", "nodes", ge=1, le=4096)
@@ -199,7 +201,7 @@ class Transfer(Section):
     """How a composition is judged on other robots."""
 
     domains: tuple[str, ...] = value(("nominal", "mild", "real-like"), "target domains", "", min_length=1)
-    episodes: int = value(50, "episodes per domain", "", ge=1, le=100_000)
+    episodes: int = value(50, "episodes per domain", "", ge=1, le=10_000)
 
 
 class Recipe(Section):
@@ -287,7 +289,7 @@ def _read(name: str, seen: tuple[str, ...]) -> dict[str, Any]:
     except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
         known = ", ".join(recipe_names())
         raise UsageError(f"no recipe {name!r}", f"shipped recipes: {known}; or give the path of a .toml file") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError, ValueError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError, ValueError, RecursionError) as error:
         raise UsageError(f"recipe {name!r} cannot be read: {error}", "a recipe is a TOML file") from error
     base = content.pop("extends", None)
     if base is None:
@@ -315,6 +317,8 @@ def _override(text: str) -> dict[str, Any]:
     item: Any
     try:
         item = tomllib.loads(f"item = {raw}")["item"]
+    except RecursionError:
+        raise UsageError(f"--set {key}: the value is nested too deeply", "give a plain value") from None
     except tomllib.TOMLDecodeError:
         item = raw.strip()  # a bare word is a string: --set compose.task=triangle
     for part in reversed(parts):

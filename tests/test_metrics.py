@@ -35,14 +35,20 @@ def test_final_distance_is_taken_at_the_end_of_the_episode_and_a_box_is_judged_i
 def test_an_early_pass_of_a_later_waypoint_does_not_count() -> None:
     first, second = [0.0, 0, 0], [3.0, 0, 0]
     path = np.array([second, first, [1.0, 0, 0], [1.0, 0.5, 0]])
-    assert metrics.ordered_approach(path, np.array([first, second])) == pytest.approx([0, 2])
-    assert metrics.ordered_approach(path, np.array([second, first])) == pytest.approx([0, 0])
+    assert metrics.ordered_approach(path, np.array([first, second]), 10.0) == pytest.approx([0, 2])
+    assert metrics.ordered_approach(path, np.array([second, first]), 10.0) == pytest.approx([0, 0])
 
 
 def test_a_waypoint_that_comes_again_at_the_end_is_judged_by_the_second_visit() -> None:
     path = np.array([[0.0, 0, 0], [1, 0, 0], [0.25, 0, 0]])
     loop = np.array([[0.0, 0, 0], [1, 0, 0], [0.0, 0, 0]])
-    assert metrics.ordered_approach(path, loop) == pytest.approx([0, 0, 0.25])
+    assert metrics.ordered_approach(path, loop, 10.0) == pytest.approx([0, 0, 0.25])
+
+
+def test_waypoints_met_in_order_count_as_met_although_another_moment_would_be_nearer_in_sum() -> None:
+    path = np.array([[0.04, 0, 0], [0.06, 0, 0], [0, 0, 0], [0.04, 0, 0]])
+    closest = metrics.ordered_approach(path, np.array([[0.0, 0, 0], [0.1, 0, 0]]), 0.05)
+    assert closest == pytest.approx([0.04, 0.04])
 
 
 def test_ordered_approach_finds_the_smallest_sum_over_all_ordered_moments() -> None:
@@ -51,7 +57,7 @@ def test_ordered_approach_finds_the_smallest_sum_over_all_ordered_moments() -> N
         path, waypoints = rng.normal(size=(7, 3)), rng.normal(size=(3, 3))
         distance = np.linalg.norm(path[None] - waypoints[:, None], axis=-1)
         best = min(distance[0, i] + distance[1, j] + distance[2, k] for i in range(7) for j in range(i, 7) for k in range(j, 7))
-        assert metrics.ordered_approach(path, waypoints).sum() == pytest.approx(best)
+        assert metrics.ordered_approach(path, waypoints, 10.0).sum() == pytest.approx(best)
 
 
 def test_efficiency_of_a_square_of_equal_circles() -> None:

@@ -64,13 +64,11 @@ def main() -> None:
         hint = "see `skill --help`" if error.exit_code == 2 else ""
         _fail("UsageError", error.format_message(), hint, error.exit_code)
     except (KeyboardInterrupt, typer.Abort):
-        _fail("Interrupted", "interrupted", "what was finished before is in the store", 130)
+        _fail("Interrupted", "interrupted", "finished stages are in the store; a training goes on with --resume", 130)
     except BrokenPipeError:  # the reader of a pipe went away: nothing to say, and nobody to say it to
         sys.stderr.close()
         sys.exit(1)
     except Exception as error:  # a defect of ours: one line, unless the traceback is asked for
-        if "--debug" in arguments:
-            raise
         _fail(type(error).__name__, f"unexpected: {error}", "a defect of skill; --debug shows where", 1)
 
 

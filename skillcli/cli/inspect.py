@@ -145,7 +145,15 @@ def doctor(context: typer.Context) -> None:
         table.add_row(what, found, "[green]ok[/]" if fine else "[red]problem[/]")
     healthy = all(fine for _, _, fine in checks)
     listed = [{"what": what, "found": found, "ok": fine} for what, found, fine in checks]
-    session.result({"ok": healthy, "checks": listed}, table)
+    payload: dict[str, Any] = {"ok": healthy, "checks": listed}
+    if not healthy:
+        bad = ", ".join(what for what, _, fine in checks if not fine)
+        payload["error"] = {
+            "type": "Unhealthy",
+            "message": f"not in order: {bad}",
+            "hint": "`make install` puts packages right",
+        }
+    session.result(payload, table)
     if not healthy:
         raise typer.Exit(1)
 

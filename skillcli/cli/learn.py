@@ -124,7 +124,7 @@ def transfer_eval(
     domain: Annotated[
         list[str] | None, typer.Option("--domain", help="Target domain, see `skill domains`.", metavar="NAME")
     ] = None,
-    episodes: Annotated[int | None, typer.Option("--episodes", help="Per domain.", min=1, max=100_000)] = None,
+    episodes: Annotated[int | None, typer.Option("--episodes", help="Per domain.", min=1, max=10_000)] = None,
     seed: Seed = 0,
     name: Name = None,
 ) -> None:
@@ -132,7 +132,7 @@ def transfer_eval(
     from skillcli.recipe import resolve
 
     session: Session = context.obj
-    found = session.pick(source, *(() if source else ("compose",)))
+    found = session.pick(source, "compose", *(("embed-means", "pretrain") if source else ()))
     from skillcli.stages.transfer_eval import transfer_eval as stage
 
     recipe = resolve(session.store.read(found).recipe)
@@ -295,7 +295,7 @@ def _plan_table(artifact: Artifact) -> Group:
 def _transfer_table(artifact: Artifact) -> Group:
     from rich.console import Group
 
-    table = _table(f"{artifact.id}: {artifact.results['evaluated']}", "domain", "success", "95 %", "median", "p90", "retention")
+    table = _table(f"{artifact.id}: {artifact.parents[0].id}", "domain", "success", "95 %", "median", "p90", "retention")
     for domain in artifact.results["domains"]:
         low, high = domain["ci95"]
         distance, retention = domain["final_distance_m"], domain["retention"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import shlex
 import sys
 import time
@@ -43,7 +44,9 @@ class Session:
         """Results, on stdout."""
         from rich.console import Console
 
-        return Console()
+        console = Console()
+        # nobody reads a pipe at 80 columns: nothing is cut there, unless COLUMNS asks for it
+        return console if console.is_terminal or "COLUMNS" in os.environ else Console(width=160)
 
     @property
     def err(self) -> Console:
@@ -85,9 +88,9 @@ class Session:
     @contextmanager
     def progress(self) -> Iterator[Report]:
         """Show progress on stderr: live on a terminal, a line now and then elsewhere, nothing when quiet."""
-        if self.quiet or self.json:
+        if self.quiet:
             yield lambda _: None
-        elif self.err.is_terminal:
+        elif self.err.is_terminal and not self.json:
             with _live(self.err) as report:
                 yield report
         else:

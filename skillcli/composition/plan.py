@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,14 +19,14 @@ class Choices:
     label: tuple[str, ...]  # (C,) "3", or "3~4" for the latent half-way between skills 3 and 4
 
     @staticmethod
-    def of(means: Array, interpolated: bool) -> Choices:
-        """The means of K skills, and the half-way latents of all pairs where asked."""
+    def of(means: Array, names: Sequence[str], interpolated: bool) -> Choices:
+        """The means (K, d) of K named skills, and the half-way latents of all pairs where asked."""
         skills = len(means)
         pairs = [(a, b) for a in range(skills) for b in range(a + 1, skills)] if interpolated else []
         return Choices(
             latent=np.array([*means, *((means[a] + means[b]) / 2 for a, b in pairs)]),
             skill=np.array([*range(skills), *(-1 for _ in pairs)]),
-            label=(*(str(k + 1) for k in range(skills)), *(f"{a + 1}~{b + 1}" for a, b in pairs)),
+            label=(*names, *(f"{names[a]}~{names[b]}" for a, b in pairs)),
         )
 
 

@@ -51,7 +51,7 @@ Range = Uniform | LogUniform | OneOf
 
 # What a domain may change: (values per episode, unit, meaning). Factors multiply the model's own value.
 PARAMETERS: dict[str, tuple[int, str, str]] = {
-    "link_mass": (7, "factor", "mass and inertia of each moving link; the controller still knows the true weight"),
+    "link_mass": (7, "factor", "mass and inertia of the link behind each joint; the controller still knows the true weight"),
     "gravity_compensation": (1, "factor", "share of the arm's weight that the controller compensates"),
     "joint_damping": (7, "factor", "viscous damping of each joint"),
     "joint_friction": (7, "factor", "dry friction of each joint"),

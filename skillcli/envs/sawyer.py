@@ -19,6 +19,9 @@ VELOCITY_LIMIT = np.array([1.74, 1.328, 1.957, 1.957, 3.485, 3.485, 4.545])
 SHOULDER = np.array([0.0, 0.0, 0.317])
 LONGEST_REACH = 1.34
 
+# The column that base, first link and head fill, m: no finger gets in there.
+BASE_RADIUS, BASE_HEIGHT = 0.12, 0.5
+
 # The commanded target stops this far inside the joint range, rad: a servo with these gains overshoots less.
 LIMIT_MARGIN = 0.02
 
@@ -47,6 +50,7 @@ def arm_spec(timestep: float, delay: bool = False) -> mujoco.MjSpec:
         type=mujoco.mjtGeom.mjGEOM_BOX,
         size=_TABLE_HALF_SIZE,
         rgba=[0.78, 0.72, 0.62, 1],
+        priority=1,  # else the larger friction of a pair counts, and a slippery table never would
         friction=[0.6, 0.005, 1e-4],
     )
     return spec

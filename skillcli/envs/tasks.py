@@ -5,6 +5,8 @@ A new task is one file beside this one and one line in each table here.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 
@@ -16,6 +18,8 @@ from skillcli.errors import UsageError
 from skillcli.recipe import PointTask, ReachTask
 
 Task = PointTask | ReachTask
+
+MAX_SIMULATIONS = 1024  # side by side, where there may be any number of episodes: the rest comes after, memory is bounded
 
 DESCRIPTIONS = {
     "point": "a point in the plane moved by velocity; no physics, trains in seconds",
@@ -71,11 +75,31 @@ def named_waypoints(task: Task, name: str) -> Array:
     return np.array(known[name])
 
 
+def skill_goals(task: Task) -> Array:
+    """The goals of the task's skills, (K, 3) m."""
+    return np.array([point3(task, goal) for goal in task.goals])
+
+
+def point3(task: Task, goal: Sequence[float]) -> list[float]:
+    """A goal as it is typed for a task, with three coordinates.
+
+    Raises:
+        UsageError: it has the wrong number of coordinates.
+    """
+    wanted = 2 if isinstance(task, PointTask) else 3
+    if len(goal) != wanted:
+        example = "1.0,2.0" if wanted == 2 else "0.6,0.0,0.2"
+        raise UsageError(
+            f"a goal of the {task.name} task has {wanted} numbers, got {len(goal)}", f"for example --goal {example}"
+        )
+    return [*goal, 0.0][:3]
+
+
 def check_goal(task: Task, goal: Array) -> None:
     """Refuse a goal (3,) m that cannot be reached whatever the skills.
 
     Raises:
-        UsageError: it is not finite, too far away, or inside the table.
+        UsageError: it is not finite, too far away, or inside table or base.
     """
     shown = ",".join(f"{x:g}" for x in goal)
     if not np.isfinite(goal).all():
@@ -89,6 +113,11 @@ def check_goal(task: Task, goal: Array) -> None:
         raise UsageError(
             f"goal {shown} is out of reach: {distance:.2f} m from the shoulder at {_listed(sawyer.SHOULDER)}",
             f"the arm with its finger reaches {sawyer.LONGEST_REACH:.2f} m; trained goals lie at {_box(np.array(task.goals))}",
+        )
+    if np.hypot(goal[0], goal[1]) < sawyer.BASE_RADIUS and goal[2] < sawyer.BASE_HEIGHT:
+        raise UsageError(
+            f"goal {shown} lies inside the robot's own base",
+            f"keep {sawyer.BASE_RADIUS:g} m away from the axis of the first joint",
         )
     if goal[2] < sawyer.TABLE_TOP:
         raise UsageError(f"goal {shown} lies below the table", f"the table top is at z = {sawyer.TABLE_TOP:g} m")

@@ -36,6 +36,7 @@ class Agent(nn.Module):
 
     def __init__(self, recipe: Recipe, observation: int, action: int, goals: Array, seed: int = 0) -> None:
         super().__init__()
+        torch.set_num_threads(1)  # results must not depend on how many cores there are
         embedding, network = recipe.embedding, recipe.network
         skills = len(goals)
         self.window, self.skills = embedding.window, skills

@@ -33,7 +33,6 @@ class Learner:
     """
 
     def __init__(self, env: VectorEnvironment, recipe: Recipe, seed: int) -> None:
-        torch.set_num_threads(1)  # results must not depend on how many cores there are
         self.env, self.recipe = env, recipe
         self.agent = Agent(recipe, env.observation_size, env.action_size, env.goals, seed)
         self.optimizers = te_ppo.Optimizers.of(self.agent, recipe.training.learning_rate)

@@ -47,7 +47,12 @@ class Policy(nn.Module):
     @property
     def std(self) -> Tensor:
         """(a,) standard deviation of the action."""
-        return self.log_std.exp().clamp(self.MIN_STD, self.MAX_STD)
+        return self.log_std.exp()
+
+    @torch.no_grad()
+    def bound(self) -> None:
+        """Keep the standard deviation within bounds; after a step, so that it can always come back."""
+        self.log_std.clamp_(math.log(self.MIN_STD), math.log(self.MAX_STD))
 
 
 class Embedding(nn.Module):

@@ -56,11 +56,11 @@ def play(env: RecordedEnvironment, act: Act, latent: Array, skill: Array) -> tup
     for t in range(steps):
         step = env.step(act(observations[-1], latent[:, t]))
         observations.append(step.observation)
-        moments.append(env.snapshot())
-        actions.append(np.array(env.applied))
-        rewards.append(step.reward)
+        rewards.append(np.where(alive, step.reward, 0.0))
+        actions.append(np.where(alive[:, None], env.applied, 0.0))
         length[alive & step.terminated] = t + 1
         alive &= ~step.terminated
+        moments.append(_frozen(env.snapshot(), moments[-1], ~alive))
     gap = np.linalg.norm(env.judged() - env.target, axis=1)
     state = {name: np.stack([moment[name] for moment in moments], axis=1) for name in moments[0]}
     recording = Trajectories(
@@ -77,6 +77,11 @@ def play(env: RecordedEnvironment, act: Act, latent: Array, skill: Array) -> tup
     return recording, np.stack(observations, axis=1)
 
 
+def _frozen(moment: dict[str, Array], before: dict[str, Array], failed: Array) -> dict[str, Array]:
+    """The present moment, where episodes that have failed keep the last state before they did."""
+    return {name: np.where(failed.reshape(-1, *(1,) * (now.ndim - 1)), before[name], now) for name, now in moment.items()}
+
+
 def play_waypoints(env: RecordedEnvironment, act: Act, latent: Array, skill: Array, waypoints: Array) -> Trajectories:
     """Like `play`, judged by waypoints (W, 3) m: all of them approached in order within the tolerance, the last one held.
 
@@ -89,5 +94,5 @@ def play_waypoints(env: RecordedEnvironment, act: Act, latent: Array, skill: Arr
     """
     env.target[:] = waypoints[-1]
     recording, _ = play(env, act, latent, skill)
-    closest = np.array([metrics.ordered_approach(path, waypoints) for path in recording.judged])
+    closest = np.array([metrics.ordered_approach(path, waypoints, env.tolerance) for path in recording.judged])
     return recording.judged_by(recording.success & (closest <= env.tolerance).all(axis=1))

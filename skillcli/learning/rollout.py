@@ -55,7 +55,7 @@ class Rollout:
     noise: Array  # (N, d) the epsilon of z = mean + std * epsilon
     latent: Array  # (N, d)
     final_distance: Array  # (N,) m, of the judged point to its goal at the end
-    seconds: float  # spent in the loop of policy and simulator
+    seconds: float  # spent in all, resets and drawing of noise included
 
 
 class StartPool:
@@ -84,8 +84,9 @@ class StartPool:
 
 
 def start_episodes(env: VectorEnvironment, pool: StartPool, chained: float, rng: np.random.Generator) -> Array:
-    """Give every simulation a skill and a start; returns the skills (N,), equally many of each."""
-    skills = rng.permutation(np.arange(env.num) % len(env.goals))
+    """Give every simulation a skill and a start; returns the skills (N,), as evenly many as can be."""
+    first = rng.integers(len(env.goals))  # where simulations and skills do not divide, nobody is always left over
+    skills = rng.permutation((np.arange(env.num) + first) % len(env.goals))
     continued = rng.random(env.num) < chained if pool.filled else np.zeros(env.num, dtype=bool)
     fresh, kept = np.flatnonzero(~continued), np.flatnonzero(continued)
     if len(fresh):
@@ -98,6 +99,7 @@ def start_episodes(env: VectorEnvironment, pool: StartPool, chained: float, rng:
 @torch.no_grad()
 def collect(env: VectorEnvironment, agent: Agent, pool: StartPool, chained: float, rng: np.random.Generator) -> Rollout:
     """Run one episode in every simulation, and keep some of the states passed for later starts."""
+    started = time.perf_counter()
     steps, num = env.horizon, env.num
     skill = start_episodes(env, pool, chained, rng)
     mean, std = agent.embed()
@@ -114,7 +116,6 @@ def collect(env: VectorEnvironment, agent: Agent, pool: StartPool, chained: floa
     alive = np.ones(num, dtype=bool)
     act = Actor(agent, latent)
 
-    started = time.perf_counter()
     observation[0] = env.observe()
     for t in range(steps):
         np.add(act(observation[t]), exploration[t], out=action[t])

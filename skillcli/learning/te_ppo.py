@@ -184,6 +184,7 @@ def _update_actor(
             loss = loss - training.policy_entropy * gaussian.entropy(agent.policy.std)
             loss = loss - training.embedding_entropy * gaussian.entropy(agent.embedding.std).mean()
             _descend(optimizers.policy, loss, training.max_grad_norm)
+            agent.policy.bound()
             divergences.append(float(approximate_kl(log_prob.detach(), old)))
         kl = sum(divergences) / len(divergences)
         optimizers.policy_rate = adapted_learning_rate(optimizers.policy_rate, kl, target_kl)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from skillcli.envs.domains import find_domain
 from skillcli.recipe import Recipe
 from skillcli.stages import compose as composing
 from skillcli.stages import embed_means as embedding
@@ -28,6 +29,9 @@ def run_chain(store: Store, recipe: Recipe, seed: int, name: str, command: str, 
     Raises:
         SkillError: any of them fails; those before it stay.
     """
+    request = composing.Request.of(recipe, "", ())  # what is wrong with the last stages is said before the first
+    for domain in recipe.transfer.domains:
+        find_domain(domain)
     found = store.find("pretrain", training.inputs_of(recipe, seed), name)
     skills = store.read(found) if found else training.pretrain(store, recipe, seed, name, command, resume=True, report=report)
     yield Link(skills, found is not None)
@@ -36,7 +40,6 @@ def run_chain(store: Store, recipe: Recipe, seed: int, name: str, command: str, 
     means = store.read(found) if found else embedding.embed_means(store, skills.id, command)
     yield Link(means, found is not None)
 
-    request = composing.Request.of(recipe, "", ())
     found = store.find("compose", composing.inputs_of(means, recipe, request, "search"), name)
     plan = store.read(found) if found else composing.compose(store, means.id, recipe, request, "search", command, report=report)
     yield Link(plan, found is not None)

@@ -13,11 +13,11 @@ from skillcli import metrics
 from skillcli.composition.latent_environment import LatentEnvironment
 from skillcli.composition.plan import Choices, Segment, schedule
 from skillcli.composition.search import Settings, UniformCostSearch, search
-from skillcli.envs.tasks import check_goal, make, model_fingerprint, named_waypoints
+from skillcli.envs.tasks import MAX_SIMULATIONS, check_goal, make, model_fingerprint, named_waypoints, point3
 from skillcli.errors import UsageError
 from skillcli.learning.playback import play_waypoints
 from skillcli.recipe import Recipe
-from skillcli.stages.library import Library, fingerprint, open_library
+from skillcli.stages.library import TRAINED, Library, fingerprint, open_library
 from skillcli.stages.progress import Progress, Report, silent
 from skillcli.store import Artifact, ArtifactId, Draft, Store
 from skillcli.trajectories import Array, Trajectories
@@ -45,16 +45,10 @@ class Request:
             task, goals = recipe.compose.task, recipe.compose.goals
         if not task and not goals:
             raise UsageError("nothing to compose: neither --task nor --goal is given", "for example --goal 0.6,0.0,0.2")
-        waypoints = named_waypoints(recipe.task, task) if task else np.array([_three(goal) for goal in goals], dtype=float)
+        waypoints = named_waypoints(recipe.task, task) if task else np.array([point3(recipe.task, goal) for goal in goals])
         for goal in waypoints:
             check_goal(recipe.task, goal)
         return Request(task, waypoints)
-
-
-def _three(goal: Sequence[float]) -> list[float]:
-    if len(goal) not in (2, 3):
-        raise UsageError(f"a goal has two or three numbers, got {len(goal)}", "for example --goal 0.6,0.0,0.2")
-    return [*goal, 0.0][:3] if len(goal) == 2 else list(goal)
 
 
 def inputs_of(source: Artifact, recipe: Recipe, request: Request, method: str) -> str:
@@ -87,7 +81,7 @@ def compose(
         report: told where the planning stands.
 
     Raises:
-        UsageError: the method is unknown.
+        UsageError: the method is unknown, or the recipe asks for other skills than the source holds.
         StoreError: the source cannot be read, or the store refuses.
     """
     if method not in METHODS:
@@ -95,11 +89,16 @@ def compose(
     store.check_writable(name or source_id.name)
     source = store.read(source_id)
     library = open_library(store, source)
+    if recipe.fingerprint(TRAINED) != library.recipe.fingerprint(TRAINED):
+        raise UsageError(
+            f"the skills of {source_id} were trained on another recipe than the one to compose with",
+            "only search.* and compose.* can be set here; for anything else train anew",
+        )
     started = time.perf_counter()
     plan, effort = _search(library, recipe, request.waypoints, report)
     planning_seconds = time.perf_counter() - started
     recording = execute(library, plan, request.waypoints)
-    closest = metrics.ordered_approach(recording.judged[0], request.waypoints)
+    closest = metrics.ordered_approach(recording.judged[0], request.waypoints, recipe.task.tolerance)
     return store.write(
         Draft(
             kind="compose",
@@ -134,8 +133,8 @@ def execute(library: Library, plan: list[Segment], waypoints: Array) -> Trajecto
 
 def _search(library: Library, recipe: Recipe, waypoints: Array, report: Report) -> tuple[list[Segment], dict[str, Any]]:
     settings, period = recipe.search, recipe.task.control_period
-    choices = Choices.of(library.mean, settings.interpolated)
-    env = make(recipe.task, settings.batch * len(choices.latent))
+    choices = Choices.of(library.mean, library.names, settings.interpolated)
+    env = make(recipe.task, min(MAX_SIMULATIONS, settings.batch * len(choices.latent)))
     env.reset(np.arange(env.num), np.zeros(env.num, dtype=np.int64))
     world = LatentEnvironment(env, library.agent.act)
     planner = UniformCostSearch(

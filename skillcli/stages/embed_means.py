@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skillcli import metrics
-from skillcli.envs.tasks import make, model_fingerprint
+from skillcli.envs.tasks import model_fingerprint
 from skillcli.stages.library import fingerprint, open_library
 from skillcli.stages.pretrain import play_held
 from skillcli.store import Artifact, ArtifactId, Draft, Store
@@ -26,7 +26,7 @@ def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | N
     library = open_library(store, source)
     mean, std, recipe = library.mean, library.std, library.recipe
     skills = np.arange(len(mean))
-    recording, _ = play_held(make(recipe.task, len(mean)), library.agent, mean, skills, skills)
+    recording, _ = play_held(recipe, library.agent, mean, skills, skills)
     distance = metrics.final_distance(recording)
     return store.write(
         Draft(

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from skillcli import metrics
-from skillcli.envs.environment import Environment
-from skillcli.envs.tasks import make, model_fingerprint
+from skillcli.envs.tasks import MAX_SIMULATIONS, check_goal, make, model_fingerprint, skill_goals
 from skillcli.envs.throughput import BareEngine
 from skillcli.errors import Interrupted
 from skillcli.learning.agent import Agent
@@ -70,8 +69,11 @@ def pretrain(
 
     Raises:
         Interrupted: Ctrl-C; a checkpoint was kept.
+        UsageError: a goal of the recipe cannot be reached.
         SkillError: training came apart, or the store refuses.
     """
+    for goal in skill_goals(recipe.task):
+        check_goal(recipe.task, goal)
     store.check_writable(name)
     checkpoint = store.checkpoint_path(name, "pretrain", inputs_of(recipe, seed))
     with stoppable() as stop:
@@ -142,25 +144,38 @@ def evaluate(recipe: Recipe, agent: Agent, seed: int, threads: int = 0) -> Evalu
     noise[:, 0] = 0.0
     latent = mean[:, None] + std[:, None] * noise
     skill = np.repeat(np.arange(skills), samples)
-    env = make(recipe.task, skills * samples, threads)
     fed = np.where(np.arange(skills * samples) % samples == 0, skill, -1)  # -1: not the mean of any skill
-    recording, observation = play_held(env, agent, latent.reshape(-1, mean.shape[1]), skill, fed)
+    recording, observation = play_held(recipe, agent, latent.reshape(-1, mean.shape[1]), skill, fed, threads)
+    window = np.arange(observation.shape[1] - agent.window, observation.shape[1]).clip(min=0)  # padded as in training
     kept = [k * samples + m for k in range(skills) for m in range(min(samples, 1 + recipe.evaluation.stored))]
     shape = (skills, samples)
     return Evaluation(
         latent=latent,
         final_distance=metrics.final_distance(recording).reshape(shape),
         success=recording.success.reshape(shape),
-        inferred=agent.infer(observation[:, -agent.window :]).reshape(*shape, -1),
+        inferred=agent.infer(observation[:, window]).reshape(*shape, -1),
         trajectories=recording.select(kept),
     )
 
 
-def play_held(env: Environment, agent: Agent, latent: Array, skill: Array, fed: Array) -> tuple[Trajectories, Array]:
-    """Reset all simulations, each to the goal of its skill (N,), and hold one latent (N, d) in each to the end."""
-    env.reset(np.arange(env.num), skill)
-    held = np.repeat(latent[:, None], env.horizon, axis=1)
-    return play(env, agent.act, held, np.repeat(fed[:, None], env.horizon, axis=1))
+def play_held(
+    recipe: Recipe, agent: Agent, latent: Array, skill: Array, fed: Array, threads: int = 0
+) -> tuple[Trajectories, Array]:
+    """From the start, hold one latent (E, d) per episode to the end, judged by the goal of its skill (E,).
+
+    Returns:
+        The recording, with `fed` (E,) as its skills, and the observations (E, T+1, o).
+    """
+    recordings, observations = [], []
+    for first in range(0, len(skill), MAX_SIMULATIONS):
+        part = slice(first, first + MAX_SIMULATIONS)
+        env = make(recipe.task, len(skill[part]), threads)
+        env.reset(np.arange(env.num), skill[part])
+        held = np.repeat(latent[part][:, None], env.horizon, axis=1)
+        recording, observation = play(env, agent.act, held, np.repeat(fed[part][:, None], env.horizon, axis=1))
+        recordings.append(recording)
+        observations.append(observation)
+    return Trajectories.join(recordings), np.concatenate(observations)
 
 
 def _draft(
@@ -176,8 +191,8 @@ def _draft(
     mean, std = learner.agent.embed()
     goals = learner.env.goals
     curves = {f"curves/{curve}": np.array(values) for curve, values in learner.curves.items()}
-    for k, skill in enumerate(skill_names(recipe)):  # under the skill's name, as figures look them up
-        curves[f"curves/success/{skill}"] = curves.pop(f"curves/success/{k + 1}")
+    success = [curves.pop(f"curves/success/{k + 1}") for k in range(len(mean))]
+    curves |= {f"curves/success/{skill}": curve for skill, curve in zip(skill_names(recipe), success, strict=True)}
     return Draft(
         kind="pretrain",
         name=name,

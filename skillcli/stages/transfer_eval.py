@@ -10,7 +10,7 @@ import numpy as np
 
 from skillcli import metrics
 from skillcli.envs.domains import PARAMETERS, Domain, find_domain, sample
-from skillcli.envs.tasks import make, model_fingerprint
+from skillcli.envs.tasks import MAX_SIMULATIONS, make, model_fingerprint
 from skillcli.learning.playback import play, play_waypoints
 from skillcli.recipe import Recipe
 from skillcli.seeding import generator
@@ -104,7 +104,7 @@ def transfer_eval(
                 "episodes/return": together.reward.sum(axis=1),
                 **{f"trajectories/{field}": array for field, array in together.arrays().items()},
             },
-            results=_results(source, reference, targets, recordings),
+            results=_results(reference, targets, recordings),
             measured={},
             parents=[source_id],
             model_sha256=model_fingerprint(recipe.task),
@@ -117,22 +117,30 @@ def run_on(library: Library, script: Script, domain: Domain, seed: int) -> tuple
     """Run a script on robots drawn from a domain; returns the recording and the drawn parameters by name."""
     episodes = len(script.start_skill)
     drawn = sample(domain, episodes, generator(seed, f"domain {domain.name}"))
-    env = make(library.recipe.task, episodes, delay="latency" in drawn)
-    if drawn:
-        env.perturb(drawn, generator(seed, f"sensors {domain.name}"))
-    env.reset(np.arange(episodes), script.start_skill)
-    act = library.agent.act
+    sensors = generator(seed, f"sensors {domain.name}")
+    recordings = []
+    for first in range(0, episodes, MAX_SIMULATIONS):
+        part = slice(first, first + MAX_SIMULATIONS)
+        recordings.append(_run(library, script, part, {name: values[part] for name, values in drawn.items()}, sensors))
+    return Trajectories.join(recordings), drawn
+
+
+def _run(
+    library: Library, script: Script, part: slice, parameters: dict[str, Array], sensors: np.random.Generator
+) -> Trajectories:
+    env = make(library.recipe.task, len(script.start_skill[part]), delay="latency" in parameters)
+    if parameters:
+        env.perturb(parameters, sensors)
+    env.reset(np.arange(env.num), script.start_skill[part])
+    act, latent, skill = library.agent.act, script.latent[part], script.skill[part]
     if len(script.waypoints):
-        return play_waypoints(env, act, script.latent, script.skill, script.waypoints), drawn
-    return play(env, act, script.latent, script.skill)[0], drawn
+        return play_waypoints(env, act, latent, skill, script.waypoints)
+    return play(env, act, latent, skill)[0]
 
 
-def _results(
-    source: Artifact, reference: Trajectories, targets: list[Domain], recordings: list[Trajectories]
-) -> dict[str, Any]:
+def _results(reference: Trajectories, targets: list[Domain], recordings: list[Trajectories]) -> dict[str, Any]:
     rate = float(reference.success.mean())
     return {
-        "evaluated": str(source.id),
         "source": {
             "success_rate": rate,
             "episodes": reference.episodes,

@@ -131,7 +131,7 @@ def distance(scene: Scene, episode: int) -> Array:
 def closest(scene: Scene, episode: int) -> Array:
     """Closest approach to each waypoint in its turn, (W,) m: the figure that the composition itself reports."""
     moved, waypoints, _ = _judged(scene, episode)
-    return ordered_approach(moved, waypoints)
+    return ordered_approach(moved, waypoints, scene.tolerance)
 
 
 def reached(scene: Scene, episode: int) -> Array:

@@ -3,13 +3,14 @@ import numpy as np
 from skillcli.composition.plan import Choices, Segment, schedule
 
 MEANS = np.array([[0.0, 0], [2, 0], [0, 4]])
+NAMES = [str(k + 1) for k in range(len(MEANS))]
 
 
 def test_the_choices_are_the_means_and_where_asked_the_half_way_latents_of_all_pairs() -> None:
-    plain = Choices.of(MEANS, interpolated=False)
+    plain = Choices.of(MEANS, NAMES, interpolated=False)
     assert plain.label == ("1", "2", "3") and plain.skill.tolist() == [0, 1, 2]
     np.testing.assert_array_equal(plain.latent, MEANS)
-    more = Choices.of(MEANS, interpolated=True)
+    more = Choices.of(MEANS, NAMES, interpolated=True)
     assert more.label == ("1", "2", "3", "1~2", "1~3", "2~3") and more.skill.tolist() == [0, 1, 2, -1, -1, -1]
     assert more.latent[3:].tolist() == [[1, 0], [0, 2], [1, 2]]
 

@@ -40,7 +40,7 @@ class World:
 
 
 def choices(*latent: tuple[float, ...]) -> Choices:
-    return Choices.of(np.array(latent), interpolated=False)
+    return Choices.of(np.array(latent), [str(k + 1) for k in range(len(latent))], interpolated=False)
 
 
 def planner(waypoints: list[tuple[float, ...]], latent: Choices, **changes: object) -> UniformCostSearch:

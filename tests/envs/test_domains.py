@@ -172,3 +172,19 @@ def test_the_point_knows_gain_and_position_noise() -> None:
 def test_uniform_draws_fill_the_range_evenly() -> None:
     values = Uniform(2.0, 4.0).draw(rng(), (4000,))
     assert np.histogram(values, bins=4, range=(2, 4))[0] == pytest.approx(1000, abs=100)
+
+
+def test_a_slippery_table_changes_what_dragging_the_finger_does() -> None:
+    paths = []
+    for factor in (0.4, 1.4):
+        env = ReachEnvironment(ReachTask(), 1)
+        env.perturb({"contact_friction": np.array([factor])}, np.random.default_rng(0))
+        env.reset(np.array([0]), np.array([0]))
+        path = []
+        for step in range(60):  # down onto the table, then along it
+            action = np.zeros((1, 7))
+            action[0, 1 if step < 20 else 0] = 1.0
+            env.step(action)
+            path.append(env.arms.joint_position[0].copy())
+        paths.append(np.array(path))
+    assert np.abs(paths[0] - paths[1]).max() > 0.01

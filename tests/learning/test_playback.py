@@ -96,3 +96,13 @@ def test_waypoints_must_be_met_in_order_and_the_last_one_held() -> None:
     assert not judged([1, 2, 3], 2, 1), "the second was passed before the first"
     assert not judged([2, 1, 3], 2, 1), "met, and left again"
     assert not judged([1, 3], 2, 3), "the first was missed"
+
+
+def test_a_failed_episode_keeps_its_last_state_and_earns_nothing_more() -> None:
+    env = Line([9.0, 9.0], fails={1: 2})
+    recording, _ = play(env, lambda _, latent: latent, np.ones((2, 4, 1)), np.zeros((2, 4), dtype=int))
+    assert recording.gripper_position is not None
+    assert recording.gripper_position[:, :, 0].tolist() == [[0, 1, 2, 3, 4], [0, 1, 1, 1, 1]]
+    assert recording.reward.tolist() == [[-1, -2, -3, -4], [-1, -2, 0, 0]]
+    assert recording.action[1, :, 0].tolist() == [1, 1, 0, 0]
+    assert recording.length.tolist() == [4, 2]
