@@ -10,9 +10,6 @@ from skillcli.cli.session import Session
 from skillcli.errors import UsageError
 
 if TYPE_CHECKING:
-    from rich.console import Group
-    from rich.table import Table
-
     from skillcli.store import Artifact
 
 Set = Annotated[
@@ -69,7 +66,7 @@ def pretrain(
         session.say("nothing was interrupted with this recipe, seed and name: starting anew")
     with session.progress() as report:
         artifact = stage(session.store, resolved, seed, folder, session.command, resume, threads, report)
-    session.result(payload(artifact), _pretrain_table(artifact), _next(f"skill embed-means {artifact.id}"))
+    _done(session, artifact, f"skill embed-means {artifact.id}")
 
 
 def embed_means(
@@ -83,7 +80,7 @@ def embed_means(
     from skillcli.stages.embed_means import embed_means as stage
 
     artifact = stage(session.store, found, session.command, checked(name))
-    session.result(payload(artifact), _means_table(artifact), _next(f"skill compose {artifact.id} --method search"))
+    _done(session, artifact, f"skill compose {artifact.id} --method search")
 
 
 def compose(
@@ -115,7 +112,7 @@ def compose(
         session.say(
             "[yellow]the plan does not meet every waypoint[/]: try --set search.budget=50000 or search.interpolated=true"
         )
-    session.result(payload(artifact), _plan_table(artifact), _next(f"skill transfer-eval {artifact.id}"))
+    _done(session, artifact, f"skill transfer-eval {artifact.id}")
 
 
 def transfer_eval(
@@ -149,7 +146,7 @@ def transfer_eval(
             checked(name),
             report,
         )
-    session.result(payload(artifact), _transfer_table(artifact), _next(f"skill viz {artifact.id} --png transfer.png"))
+    _done(session, artifact, f"skill viz {artifact.id} --png transfer.png")
 
 
 def run(
@@ -172,15 +169,13 @@ def demo(
 
 
 def _chain(session: Session, recipe: str, seed: int, name: str | None, overrides: list[str] | None) -> None:
+    from skillcli.cli.tables import SHOWN
     from skillcli.recipe import load_recipe
     from skillcli.stages.chain import run_chain
     from skillcli.stages.visualise import draw, record
 
     resolved = load_recipe(recipe, overrides or ())
     folder = checked(name) or resolved.name
-    tables = {
-        "pretrain": _pretrain_table, "embed-means": _means_table, "compose": _plan_table, "transfer-eval": _transfer_table
-    }  # fmt: skip
     reports: dict[str, Any] = {}
     with session.progress() as report:
         for link in run_chain(session.store, resolved, seed, folder, session.command, report):
@@ -188,7 +183,7 @@ def _chain(session: Session, recipe: str, seed: int, name: str | None, overrides
                 session.say(f"{link.artifact.id}: nothing changed, used again")
             reports[link.artifact.kind] = {**payload(link.artifact), "reused": link.reused}
             if not session.json:
-                session.result({}, tables[link.artifact.kind](link.artifact))
+                session.result({}, SHOWN[link.artifact.kind](link.artifact))
     store, pictures = session.store, []
     for kind, found in reports.items():
         path = session.root / folder / f"{kind}.png"
@@ -227,81 +222,8 @@ def _numbers(text: str) -> list[float]:
         raise UsageError(f"--goal {text!r}: expected numbers in metres", "for example --goal 0.6,0.0,0.2") from None
 
 
-def _next(command: str) -> str:
-    return f"[dim]next: {command}[/]"
+def _done(session: Session, artifact: Artifact, then: str) -> None:
+    """Report a finished stage, and what may be done next."""
+    from skillcli.cli.tables import SHOWN
 
-
-def _centimetres(metres: float | None) -> str:
-    return "–" if metres is None else f"{100 * metres:.1f} cm"
-
-
-def _table(title: str, *columns: str) -> Table:
-    from rich.table import Table
-
-    table = Table(title=title, title_justify="left", title_style="bold")
-    for index, column in enumerate(columns):
-        table.add_column(column, justify="left" if index == 0 else "right")
-    return table
-
-
-def _pretrain_table(artifact: Artifact) -> Group:
-    from rich.console import Group
-
-    found, speed = artifact.results, artifact.measured["throughput"]
-    table = _table(str(artifact.id), "skill", "goal (m)", "at the mean", "sampled latents")
-    for skill in found["skills"]:
-        goal = ", ".join(f"{x:g}" for x in skill["goal"])
-        table.add_row(skill["name"], goal, _centimetres(skill["final_distance_m"]), f"{skill['success_rate']:.0%}")
-    ratio = speed["training_ratio"]
-    share = f", {ratio:.0%} of the bare engine" if ratio else ""
-    caption = (
-        f"{found['env_steps']:,} control steps in {artifact.measured['wall_seconds']:.0f} s"
-        f" ({speed['env_steps_per_second']:,.0f}/s{share}); success {found['success_rate']:.1%}, "
-        f"skills recognised {found['embedding']['inference_accuracy']:.1%}"
-    )
-    return Group(table, caption)
-
-
-def _means_table(artifact: Artifact) -> Group:
-    from rich.console import Group
-
-    table = _table(str(artifact.id), "skill", "mean latent", "std", "at the mean")
-    for skill in artifact.results["skills"]:
-        mean, std = (" ".join(f"{x:5.2f}" for x in skill[key]) for key in ("mean", "std"))
-        table.add_row(skill["name"], mean, std, _centimetres(skill["final_distance_m"]))
-    efficiency, r = artifact.results["efficiency"], artifact.results["latent_goal_correlation"]
-    shown = ["–" if number is None else f"{number:.3f}" for number in (efficiency, r)]
-    caption = f"embedding efficiency {shown[0]} (lower is better separated), latent against goal distances r = {shown[1]}"
-    return Group(table, caption)
-
-
-def _plan_table(artifact: Artifact) -> Group:
-    from rich.console import Group
-
-    found = artifact.results
-    table = _table(f"{artifact.id}: {found['method']}, {found['task']}", "waypoint", "target (m)", "closest")
-    for index, waypoint in enumerate(found["waypoints"]):
-        target = ", ".join(f"{x:g}" for x in waypoint["target"])
-        table.add_row(str(index + 1), target, _centimetres(waypoint["closest_m"]))
-    steps = " ".join(f"{segment['skill']}:{segment['seconds']:.2f}s" for segment in found["segments"])
-    caption = (
-        f"{'success' if found['success'] else 'no success'}, "
-        f"ends {_centimetres(found['final_distance_m'])} from the last goal; "
-        f"planned in {artifact.measured['planning_seconds']:.1f} s, {found['expanded_nodes']} nodes\nplan {steps}"
-    )
-    return Group(table, caption)
-
-
-def _transfer_table(artifact: Artifact) -> Group:
-    from rich.console import Group
-
-    table = _table(f"{artifact.id}: {artifact.parents[0].id}", "domain", "success", "95 %", "median", "p90", "retention")
-    for domain in artifact.results["domains"]:
-        low, high = domain["ci95"]
-        distance, retention = domain["final_distance_m"], domain["retention"]
-        table.add_row(
-            domain["name"], f"{domain['successes']}/{domain['episodes']}", f"{low:.0%}–{high:.0%}",
-            _centimetres(distance["median"]), _centimetres(distance["p90"]), "–" if retention is None else f"{retention:.2f}",
-        )  # fmt: skip
-    caption = f"source: success {artifact.results['source']['success_rate']:.0%}"
-    return Group(table, caption)
+    session.result(payload(artifact), SHOWN[artifact.kind](artifact), f"[dim]next: {then}[/]")
