@@ -106,30 +106,23 @@ class Arms:
         links = np.array([model.joint(name).bodyid[0] for name in JOINTS])
         servos = np.array([model.actuator(name).id for name in JOINTS])
         table = model.geom("table").id
-        changed: dict[str, list[tuple[str, Any, bool]]] = {
-            # parameter: the model fields it scales (or adds to, where the last entry is False)
-            "link_mass": [("body_mass", links, True), ("body_inertia", links, True)],
-            "gravity_compensation": [("body_gravcomp", slice(None), True)],
-            "joint_damping": [("dof_damping", dofs, True)],
-            "joint_friction": [("dof_frictionloss", dofs, True)],
+        changed: dict[str, list[tuple[str, tuple[Any, ...], bool]]] = {
+            # parameter: model field, where in it, and whether it is scaled, else added to
+            "link_mass": [("body_mass", (links,), True), ("body_inertia", (links,), True)],
+            "gravity_compensation": [("body_gravcomp", (slice(None),), True)],
+            "joint_damping": [("dof_damping", (dofs,), True)],
+            "joint_friction": [("dof_frictionloss", (dofs,), True)],
             # kp stands in gain and bias, kv in the bias: kv is scaled too, since dampratio is fixed at compile time
-            "gain": [("actuator_gainprm", servos, True), ("actuator_biasprm", servos, True)],
+            "gain": [("actuator_gainprm", (servos,), True), ("actuator_biasprm", (servos,), True)],
             "contact_friction": [("geom_friction", (table, slice(0, 1)), True)],
             "table_height": [("geom_pos", (table, slice(2, 3)), False)],
-            "latency": [("actuator_delay", servos, False)],
+            "latency": [("actuator_delay", (servos,), False)],
         }
-        for parameter, fields in changed.items():
-            if parameter not in parameters:
-                continue
-            for field, where, scales in fields:
-                values = batch.expand(field)
-                chosen = values[(slice(None), *where)] if isinstance(where, tuple) else values[:, where]
-                change = parameters[parameter].reshape(self.num, *(-1 if i == 0 else 1 for i in range(chosen.ndim - 1)))
-                new = chosen * change if scales else chosen + change
-                if isinstance(where, tuple):
-                    values[(slice(None), *where)] = new
-                else:
-                    values[:, where] = new
+        for parameter in changed.keys() & parameters.keys():
+            for field, where, scales in changed[parameter]:
+                values, at = batch.expand(field), (slice(None), *where)
+                change = parameters[parameter].reshape(self.num, -1, *(1,) * (values[at].ndim - 2))
+                values[at] = values[at] * change if scales else values[at] + change
         batch.set_const()
 
     def unstable(self) -> Array:

@@ -25,8 +25,8 @@ BASE_RADIUS, BASE_HEIGHT = 0.12, 0.5
 # The commanded target stops this far inside the joint range, rad: a servo with these gains overshoots less.
 LIMIT_MARGIN = 0.02
 
-# Control samples kept per actuator where a domain may delay it: 0.16 s at the model's 5 ms.
-DELAY_SAMPLES = 32
+# Control samples are kept this long per actuator where a domain may delay it, s.
+DELAY_HISTORY = 0.16
 
 TABLE_TOP = 0.0  # m: the robot's base stands on the same height
 _TABLE_CENTRE = (0.72, 0.0)
@@ -43,7 +43,7 @@ def arm_spec(timestep: float, delay: bool = False) -> mujoco.MjSpec:
     spec = mujoco.MjSpec.from_file(str(MODEL_FILE))
     spec.option.timestep = timestep
     for actuator in spec.actuators:
-        actuator.nsample = DELAY_SAMPLES if delay else 0
+        actuator.nsample = round(DELAY_HISTORY / timestep) if delay else 0
     table = spec.worldbody.add_body(name="table", pos=[*_TABLE_CENTRE, TABLE_TOP - _TABLE_HALF_SIZE[2]])
     table.add_geom(
         name="table",

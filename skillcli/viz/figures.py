@@ -43,7 +43,6 @@ STYLE: Any = {  # matplotlib types the keys as one literal of all its settings
     "pdf.fonttype": 42,  # text stays text, so that a journal can embed the font
     "svg.hashsalt": "skill",  # the same picture gives the same file
 }
-MAP_SIZE = 2.6  # in, width of the maps' column when they are as wide as high
 MAX_COLUMNS = 4  # domains beside one another
 
 

@@ -98,9 +98,9 @@ def test_a_parameter_changes_its_field_in_its_own_simulation_only(parameter: str
         np.testing.assert_allclose(getattr(env.arms.batch.get_model(slot), field), wanted, rtol=1e-12, err_msg=str(slot))
 
 
-def reply(latency: float) -> Array:
+def reply(latency: float, task: ReachTask = TASK) -> Array:
     """Joint 6 after each of 8 control steps when it is sent off at once, rad."""
-    env = ReachEnvironment(TASK, 2, delay=True)
+    env = ReachEnvironment(task, 2, delay=True)
     env.perturb({"latency": np.array([0.0, latency])}, rng())
     env.reset(np.arange(2), np.zeros(2, dtype=np.int64))
     angles = [env.arms.joint_position[:, 6]]
@@ -116,6 +116,11 @@ def test_latency_delays_the_motion_by_the_stated_time(latency: float, late: int)
     np.testing.assert_allclose(delayed[:late], delayed[0], atol=1e-5)
     np.testing.assert_allclose(delayed[late:], prompt[: len(prompt) - late], atol=1e-5)
     assert prompt[-1] - prompt[0] > 0.1
+
+
+def test_latency_holds_at_a_finer_time_step_too() -> None:
+    prompt, delayed = reply(0.1, ReachTask(timestep=0.001))
+    np.testing.assert_allclose(delayed[2:], prompt[:-2], atol=1e-5)
 
 
 def test_an_arm_that_may_be_delayed_but_is_not_moves_as_the_plain_one() -> None:
