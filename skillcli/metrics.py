@@ -21,13 +21,10 @@ def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[f
 
 
 def final_distance(trajectories: Trajectories) -> Array:
-    """Distance of the judged point to the target at the end of each episode, (E,) m; a box is judged in the plane."""
+    """Distance of the judged point to the target at the end of each episode, (E,) m."""
     episodes = np.arange(trajectories.episodes)
     end = trajectories.judged[episodes, trajectories.length]
-    gap = end - trajectories.target
-    if trajectories.object_pose is not None:
-        gap = gap[:, :2]
-    distance: Array = np.linalg.norm(gap, axis=1)
+    distance: Array = np.linalg.norm(end - trajectories.target, axis=1)
     return distance
 
 
@@ -35,6 +32,27 @@ def pairwise_distance(points: Array) -> Array:
     """Euclidean distances between all rows, (K, d) to (K, K)."""
     distance: Array = np.linalg.norm(points[:, None] - points[None], axis=-1)
     return distance
+
+
+def neighbours(points: Array) -> list[tuple[int, int]]:
+    """Pairs (a, b), a < b, of points with no other point in or on the ball that they span (Gabriel and Sokal 1969).
+
+    Of the corners of a box these are its edges, of four places around a centre the four sides and not the diagonals.
+    """
+    pairs = []
+    for a in range(len(points)):
+        for b in range(a + 1, len(points)):
+            centre, radius = (points[a] + points[b]) / 2, np.linalg.norm(points[a] - points[b]) / 2
+            others = np.delete(points, [a, b], axis=0)
+            if (np.linalg.norm(others - centre, axis=1) > radius * (1 + 1e-9)).all():
+                pairs.append((a, b))
+    return pairs
+
+
+def angle_deg(a: Array, b: Array) -> float | None:
+    """Angle between two vectors, degrees; None where one of them is zero."""
+    lengths = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(np.degrees(np.arccos(np.clip(a @ b / lengths, -1.0, 1.0)))) if lengths > 0 else None
 
 
 def distance_correlation(latents: Array, goals: Array) -> float | None:

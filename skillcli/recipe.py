@@ -18,6 +18,7 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from skillcli.errors import UsageError
+from skillcli.perturbation import Ranges
 
 Vector3 = tuple[float, float, float]
 Joints = tuple[float, float, float, float, float, float, float]
@@ -66,18 +67,9 @@ class PointTask(SkillSet):
     bound: float = value(5.0, "positions are clipped to this on either axis", "m", gt=0)
 
 
-class ReachTask(SkillSet):
-    """The Sawyer's gripper goes to a point in space; one skill per goal."""
+class ArmTask(SkillSet):
+    """What every task of the Sawyer has: how an episode starts and how the arm is driven."""
 
-    name: Literal["reach"] = value("reach", "which task", "")
-    goals: tuple[Vector3, ...] = value(
-        (
-            (0.5, 0.3, 0.15), (0.5, -0.3, 0.15), (0.5, 0.3, 0.3), (0.5, -0.3, 0.3),
-            (0.7, 0.3, 0.15), (0.7, -0.3, 0.15), (0.7, 0.3, 0.3), (0.7, -0.3, 0.3),
-        ),
-        "where the gripper of each skill should end, in the frame of the base", "m", min_length=1,
-    )  # fmt: skip
-    names: tuple[str, ...] = value((), "names of the skills; numbers from 1 where there are none", "")
     tolerance: float = value(0.05, "success radius", "m", gt=0)
     horizon: int = value(64, "control steps in an episode", "steps", ge=2, le=10_000)
     start: Joints = value(
@@ -89,14 +81,56 @@ class ReachTask(SkillSet):
     timestep: float = value(0.005, "time step of the physics", "s", gt=0, le=0.02)
 
     @model_validator(mode="after")
-    def _whole_substeps(self) -> ReachTask:
+    def _whole_substeps(self) -> ArmTask:
         substeps = self.control_period / self.timestep
         if abs(substeps - round(substeps)) > 1e-6 or round(substeps) < 1:
             raise ValueError(f"control_period {self.control_period} must be a whole number of timesteps {self.timestep}")
         return self
 
 
-Task = Annotated[PointTask | ReachTask, Field(discriminator="name")]
+class ReachTask(ArmTask):
+    """The Sawyer's gripper goes to a point in space; one skill per goal."""
+
+    name: Literal["reach"] = value("reach", "which task", "")
+    goals: tuple[Vector3, ...] = value(
+        (
+            (0.5, 0.3, 0.15), (0.5, -0.3, 0.15), (0.5, 0.3, 0.3), (0.5, -0.3, 0.3),
+            (0.7, 0.3, 0.15), (0.7, -0.3, 0.15), (0.7, 0.3, 0.3), (0.7, -0.3, 0.3),
+        ),
+        "where the gripper of each skill should end, in the frame of the base", "m", min_length=1,
+    )  # fmt: skip
+    names: tuple[str, ...] = value((), "names of the skills; numbers from 1 where there are none", "")
+
+
+class PushTask(ArmTask):
+    """The Sawyer's finger pushes a box over the table; one skill per displacement."""
+
+    name: Literal["push"] = value("push", "which task", "")
+    goals: tuple[tuple[float, float], ...] = value(
+        ((0.15, 0), (-0.15, 0), (0, 0.15), (0, -0.15)),
+        "where the box of each skill should end, as seen from its nominal start", "m", min_length=1,
+    )  # fmt: skip
+    names: tuple[str, ...] = value(
+        ("up", "down", "left", "right"), "names of the skills; numbers from 1 where there are none", ""
+    )
+    horizon: int = value(80, "control steps in an episode", "steps", ge=2, le=10_000)
+    start: Joints = value(
+        (-0.297, -1.0105, 0.0752, 1.6086, -0.0483, 0.9745, 3.016),
+        "joint vector at reset: gripper 14 cm above the table over (.6, 0)", "rad",
+    )  # fmt: skip
+    box_start: tuple[float, float] = value((0.6, 0.0), "nominal start of the box on the table", "m")
+    box_size: Vector3 = value((0.06, 0.06, 0.06), "full edges of the box", "m")
+    box_mass: float = value(0.3, "of the box, evenly filled", "kg", gt=0, le=5)
+    friction: float = value(0.6, "sliding friction between box and table, and box and finger", "", gt=0, le=3)
+
+    @model_validator(mode="after")
+    def _box_fits(self) -> PushTask:
+        if any(not 0.01 <= edge <= 0.3 for edge in self.box_size):
+            raise ValueError("every edge of the box must measure between 0.01 and 0.3 m")
+        return self
+
+
+Task = Annotated[PointTask | ReachTask | PushTask, Field(discriminator="name")]
 
 
 class Embedding(Section):
@@ -159,6 +193,24 @@ class Training(Section):
     policy_entropy: float = value(0.001, "alpha_3: weight of H{pi(a|s,z)}", "", ge=0)
 
 
+class Randomisation(Section):
+    """What differs from episode to episode while training (Tobin et al. 2017; Peng et al. 2018); nothing by default."""
+
+    always: Ranges = value({}, "drawn anew for every simulation and episode, from the first iteration on")
+    late: Ranges = value({}, "the same, but only in a share of the simulations that grows: hard to learn under from scratch")
+    late_from: float = value(0.3, "share of the training after which the late ones begin", "", ge=0, le=1)
+    late_full: float = value(0.7, "share of the training after which they are in every simulation", "", ge=0, le=1)
+
+    @model_validator(mode="after")
+    def _once_each(self) -> Randomisation:
+        twice = sorted(self.always.keys() & self.late.keys())
+        if twice:
+            raise ValueError(f"{twice[0]} is both in always and in late")
+        if self.late_from > self.late_full:
+            raise ValueError("late_from <= late_full must hold")
+        return self
+
+
 class Evaluation(Section):
     """How skills are judged, always with deterministic actions on the nominal robot."""
 
@@ -171,10 +223,20 @@ class Search(Section):
 
     segments: tuple[float, ...] = value((0.25,), "how long one latent may be held", "s", min_length=1)
     interpolated: bool = value(False, "offer the half-way latents of all pairs of skills beside the means")
+    grid: int = value(
+        0,
+        "offer a grid of this many latents per dimension, over the box of the means +- 2 std, beside the means",
+        "",
+        ge=0,
+        le=32,
+    )
     resolution: float = value(0.02, "two states closer than this count as one", "m", ge=1e-4, le=10)
     goal_tolerance: float = value(0.02, "a waypoint counts as met within this; the task's tolerance is the judge", "m", gt=0)
     max_speed: float = value(
-        2.0, "no faster motion is thought possible; gives the admissible heuristic, 0 for none", "m/s", ge=0
+        2.0, "no faster motion of the judged point is thought possible; gives the heuristic, 0 for none", "m/s", ge=0
+    )
+    approach_speed: float = value(
+        0.0, "speed of the gripper on its way behind the box, for the heuristic of push; 0 leaves that out", "m/s", ge=0
     )
     weight: float = value(
         1.0, "weight of the heuristic: 0 uniform cost, 1 A*, above 1 faster to find, up to that much longer", "", ge=0
@@ -194,7 +256,7 @@ class Compose(Section):
     """What a composition is asked for when the command line does not say."""
 
     task: str = value("", "a named composition task, empty for none", "")
-    goals: tuple[Vector3, ...] = value((), "goals in order, where no named task is given", "m")
+    goals: tuple[tuple[float, ...], ...] = value((), "goals in order, as --goal takes them, where no named task is given", "m")
 
 
 class Transfer(Section):
@@ -213,6 +275,7 @@ class Recipe(Section):
     embedding: Embedding = Embedding()
     network: Network = Network()
     training: Training = Training()
+    randomisation: Randomisation = Randomisation()
     evaluation: Evaluation = Evaluation()
     search: Search = Search()
     compose: Compose = Compose()
@@ -329,7 +392,7 @@ def _override(text: str) -> dict[str, Any]:
 def _explain(error: ValidationError) -> tuple[str, str]:
     """One line and a hint out of pydantic's report, for its first complaint."""
     first = error.errors()[0]
-    where = [str(part) for part in first["loc"] if str(part) not in ("point", "reach")]
+    where = [str(part) for part in first["loc"] if str(part) not in ("point", "reach", "push")]
     key = ".".join(where) or "recipe"
     if first["type"] == "extra_forbidden":
         known = ", ".join(_known_keys(where[:-1]))

@@ -44,14 +44,13 @@ class Trajectories:
 
     @property
     def judged(self) -> Array:
-        """Path of the judged point, (E, T+1, 3) m; the point task moves in the plane z = 0."""
-        if self.object_pose is not None:
-            return self.object_pose[..., :3]
-        if self.gripper_position is not None:
+        """Path of the judged point, (E, T+1, 3) m; box and point are judged in the plane z = 0."""
+        if self.object_pose is None and self.gripper_position is not None:
             return self.gripper_position
-        if self.position is None:
+        plane = self.position if self.object_pose is None else self.object_pose[..., :2]
+        if plane is None:
             raise ValueError("trajectories hold no position: object_pose, gripper_position or position is needed")
-        return np.concatenate([self.position, np.zeros_like(self.position[..., :1])], axis=-1)
+        return np.concatenate([plane, np.zeros_like(plane[..., :1])], axis=-1)
 
     def arrays(self) -> dict[str, Array]:
         """The fields that are present, by name, as the store keeps them."""
@@ -63,12 +62,33 @@ class Trajectories:
 
     @staticmethod
     def join(parts: Sequence[Trajectories]) -> Trajectories:
-        """Recordings on the same clock, one behind the other."""
-        first = parts[0].arrays()
-        joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in first if name != "time"}
-        return Trajectories(time=parts[0].time, **joined)
+        """Recordings with the same control period, one behind the other; shorter ones rest in their last state."""
+        longest = max(parts, key=lambda part: len(part.time))
+        padded = [part.padded(len(longest.time) - 1) for part in parts]
+        first = padded[0].arrays()
+        joined = {name: np.concatenate([getattr(part, name) for part in padded]) for name in first if name != "time"}
+        return Trajectories(time=longest.time, **joined)
+
+    def padded(self, steps: int) -> Trajectories:
+        """The same episodes on a clock of this many control steps; all that is added repeats, actions and rewards are 0."""
+        missing = steps - (len(self.time) - 1)
+        if missing == 0:
+            return self
+        along_time = {name: value for name, value in self.arrays().items() if name in _PER_STEP}
+        longer = {
+            name: np.concatenate(
+                [value, np.repeat(0 * value[:, -1:] if name in ("action", "reward") else value[:, -1:], missing, axis=1)],
+                axis=1,
+            )
+            for name, value in along_time.items()
+        }
+        time = np.concatenate([self.time, self.time[-1] + np.arange(1, missing + 1) * (self.time[-1] - self.time[-2])])
+        return replace(self, time=time, **longer)
 
     def select(self, episodes: Array | list[int] | slice) -> Trajectories:
         """The same recording with only these episodes."""
         chosen = {name: value if name == "time" else value[episodes] for name, value in self.arrays().items()}
         return Trajectories(**chosen)
+
+
+_PER_STEP = ("latent", "skill", "action", "reward", "joint_position", "gripper_position", "object_pose", "position")

@@ -112,7 +112,8 @@ def domains(context: typer.Context) -> None:
     """List the target domains and what each of them changes."""
     from rich.table import Table
 
-    from skillcli.envs.domains import DOMAINS, PARAMETERS
+    from skillcli.envs.domains import DOMAINS
+    from skillcli.perturbation import PARAMETERS
 
     session: Session = context.obj
     table = Table("domain", "parameter", "range", "unit", "meaning")

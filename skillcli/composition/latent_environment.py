@@ -24,8 +24,8 @@ class Simulations(Protocol):
     def step(self, action: Array) -> Any:
         """One control step: observation, reward, terminated, truncated."""
 
-    def judged(self) -> Array:
-        """Where the judged points are, (N, 3) m."""
+    def landmarks(self) -> Array:
+        """Points that tell how things stand, (N, L, 3) m, the judged one first."""
 
     def save(self, ids: Array) -> Array:
         """Whole states, (n, S)."""
@@ -38,7 +38,7 @@ class Simulations(Protocol):
 class Outcome:
     """What held latents led to."""
 
-    path: Array  # (n, T+1, 3) m, of the judged point; row 0 before the first step
+    path: Array  # (n, T+1, L, 3) m, of the landmarks, the judged point first; row 0 before the first step
     failed: Array  # (n,) bool
     rows: Array  # (n, S) whole states behind the last step
 
@@ -51,8 +51,8 @@ class LatentEnvironment:
         self.control_steps = 0  # spent so far, over all slots in use
 
     def start(self) -> tuple[Array, Array]:
-        """State (S,) and judged point (3,) of slot 0 as it stands."""
-        return self._env.save(np.array([0]))[0], self._env.judged()[0]
+        """State (S,) and landmarks (L, 3) of slot 0 as it stands."""
+        return self._env.save(np.array([0]))[0], self._env.landmarks()[0]
 
     def hold(self, rows: Array, latent: Array, steps: int) -> Outcome:
         """From states (n, S), hold latents (n, d) for some control steps, n as large as it may be."""
@@ -67,13 +67,13 @@ class LatentEnvironment:
         held = np.zeros((self._env.num, latent.shape[1]))
         held[used] = latent
         self._env.restore(used, rows)
-        path = [self._env.judged()[used]]
+        path = [self._env.landmarks()[used]]
         failed = np.zeros(len(rows), dtype=bool)
         observation = self._env.observe()
         for _ in range(steps):
             step = self._env.step(self._act(observation, held))
             observation = step.observation
             failed |= step.terminated[used]
-            path.append(self._env.judged()[used])
+            path.append(self._env.landmarks()[used])
         self.control_steps += steps * len(rows)
         return Outcome(np.stack(path, axis=1), failed, self._env.save(used))

@@ -19,15 +19,26 @@ class Choices:
     label: tuple[str, ...]  # (C,) "3", or "3~4" for the latent half-way between skills 3 and 4
 
     @staticmethod
-    def of(means: Array, names: Sequence[str], interpolated: bool) -> Choices:
-        """The means (K, d) of K named skills, and the half-way latents of all pairs where asked."""
+    def of(means: Array, names: Sequence[str], interpolated: bool, grid: Array | None = None) -> Choices:
+        """The means (K, d) of K named skills, the half-way latents of all pairs where asked, and a grid (G, d)."""
         skills = len(means)
         pairs = [(a, b) for a in range(skills) for b in range(a + 1, skills)] if interpolated else []
+        further = [] if grid is None else list(grid)
         return Choices(
-            latent=np.array([*means, *((means[a] + means[b]) / 2 for a, b in pairs)]),
-            skill=np.array([*range(skills), *(-1 for _ in pairs)]),
-            label=(*names, *(f"{names[a]}~{names[b]}" for a, b in pairs)),
+            latent=np.array([*means, *((means[a] + means[b]) / 2 for a, b in pairs), *further]),
+            skill=np.array([*range(skills), *(-1 for _ in (*pairs, *further))]),
+            label=(*names, *(f"{names[a]}~{names[b]}" for a, b in pairs), *(_coordinates(latent) for latent in further)),
         )
+
+
+def latent_grid(low: Array, high: Array, count: int) -> Array:
+    """A regular grid of `count` latents per dimension between two corners (d,), (count**d, d)."""
+    axes = [np.linspace(a, b, count) for a, b in zip(low, high, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(low))
+
+
+def _coordinates(latent: Array) -> str:
+    return "(" + ",".join(f"{x:.2f}" for x in latent) + ")"
 
 
 @dataclass(frozen=True)

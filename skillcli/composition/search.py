@@ -28,7 +28,7 @@ class Node:
     steps: int  # control steps that the last latent was held
     cost: float  # control steps from the start
     due: int  # index of the waypoint that has to be met next
-    point: Array  # (3,) m, the judged point
+    points: Array  # (L, 3) m, the landmarks, the judged point first
     row: Array  # (S,) the simulator's state
     speed: float  # m/s of the judged point at the end
 
@@ -42,7 +42,9 @@ class Settings:
     resolution: float  # states closer than this, with the same waypoint due, count as one
     step_seconds: float
     weight: float  # of the heuristic: 0 uniform cost, 1 A*, above 1 bounded suboptimal (Pohl 1970)
-    max_speed: float  # m/s for the admissible heuristic, 0 for none
+    max_speed: float  # m/s of the judged point, for the heuristic, 0 for none
+    approach_speed: float  # m/s of the gripper on its way behind the box, 0 where there is none
+    standoff: float  # m from the centre of the box to the gripper that pushes it
     final_speed: float  # m/s, the last waypoint counts as met only at or below this
     budget: int  # expanded nodes
 
@@ -52,17 +54,17 @@ class UniformCostSearch:
 
     Args:
         root: the start state.
-        point: (3,) m, the judged point there.
+        points: (L, 3) m, the landmarks there: the judged point, and the gripper where that is a box.
         waypoints: (W, 3) m, to be met in order, each at any step; the plan ends where the last one is met.
         choices: latents.
         settings: see `Settings`.
     """
 
-    def __init__(self, root: Array, point: Array, waypoints: Array, choices: Choices, settings: Settings) -> None:
+    def __init__(self, root: Array, points: Array, waypoints: Array, choices: Choices, settings: Settings) -> None:
         self.waypoints, self.choices, self.settings = waypoints, choices, settings
         legs = np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
         self._legs_behind = np.concatenate([np.cumsum(legs[::-1])[::-1], [0.0]])  # m, path behind each waypoint
-        start = Node(None, -1, 0, 0.0, 0, point, root, 0.0)
+        start = Node(None, -1, 0, 0.0, 0, points, root, 0.0)
         self._order = itertools.count()
         self._open: list[tuple[float, int, Node]] = [(self._priority(start), next(self._order), start)]
         self._cheapest: dict[tuple[int, ...], float] = {self._cell(start): start.cost}
@@ -92,12 +94,12 @@ class UniformCostSearch:
     def tell(self, nodes: Sequence[Node], choice: Array, outcome: Outcome, steps: int) -> list[Node]:
         """Take what holding a choice (n,) from each of n nodes for some steps led to; returns the children kept."""
         children = []
-        speed = np.linalg.norm(np.diff(outcome.path, axis=1), axis=2) / self.settings.step_seconds  # (n, steps)
+        speed = np.linalg.norm(np.diff(outcome.path[:, :, 0], axis=1), axis=2) / self.settings.step_seconds  # (n, steps)
         for i, node in enumerate(nodes):
             if outcome.failed[i]:
                 continue
             path, speeds = outcome.path[i], speed[i]
-            due, met = self._progress(node.due, path, speeds)
+            due, met = self._progress(node.due, path[:, 0], speeds)
             held = met or steps  # a plan ends the moment its last goal is met
             child = Node(
                 node, int(choice[i]), held, node.cost + held, due, path[held], outcome.rows[i], float(speeds[held - 1])
@@ -152,7 +154,14 @@ class UniformCostSearch:
         """Length of the straight way through all waypoints that are due, m."""
         if node.due >= len(self.waypoints):
             return 0.0
-        return float(np.linalg.norm(node.point - self.waypoints[node.due]) + self._legs_behind[node.due])
+        return float(np.linalg.norm(node.points[0] - self.waypoints[node.due]) + self._legs_behind[node.due])
+
+    def _approach(self, node: Node) -> float:
+        """How far the gripper is from where it can push the box straight at the waypoint that is due, m."""
+        box, gripper = node.points[:2, :2]
+        gap = self.waypoints[node.due, :2] - box
+        behind = box - self.settings.standoff * gap / max(float(np.linalg.norm(gap)), 1e-6)
+        return float(np.linalg.norm(gripper - behind))
 
     def _priority(self, node: Node) -> float:
         if self.settings.max_speed <= 0 or node.due >= len(self.waypoints):
@@ -160,6 +169,8 @@ class UniformCostSearch:
         # each waypoint may be met a tolerance early and left a tolerance late: less way than the straight one
         slack = self.settings.tolerance * (2 * (len(self.waypoints) - node.due) - 1)
         seconds = max(0.0, self._remaining(node) - slack) / self.settings.max_speed
+        if self.settings.approach_speed > 0:
+            seconds += self._approach(node) / self.settings.approach_speed
         return node.cost + self.settings.weight * seconds / self.settings.step_seconds
 
     def _merit(self, node: Node) -> tuple[int, float]:
@@ -167,7 +178,9 @@ class UniformCostSearch:
         return (-node.due, self._remaining(node))
 
     def _cell(self, node: Node) -> tuple[int, ...]:
-        at = np.floor(node.point / self.settings.resolution).astype(int)
+        """States that count as one: judged points in one cell, other landmarks in cells of twice the size."""
+        size = np.where(np.arange(len(node.points)) == 0, 1.0, 2.0) * self.settings.resolution
+        at = np.floor(node.points / size[:, None]).astype(int).ravel()
         return (node.due, *at.tolist(), int(node.speed > self.settings.final_speed))
 
 
@@ -187,7 +200,7 @@ def search(planner: UniformCostSearch, world: LatentEnvironment, batch: int, tel
         choice = np.tile(np.arange(count), len(nodes))
         rows = np.stack([node.row for node in parents])
         held = 0
-        path = np.empty((len(parents), 0, 3))
+        path = np.empty((len(parents), 0, *planner.best.points.shape))
         failed = np.zeros(len(parents), dtype=bool)
         for steps in sorted(planner.settings.durations):  # a longer segment goes on where a shorter one ended
             outcome = world.hold(rows, planner.choices.latent[choice], steps - held)

@@ -16,6 +16,8 @@ Array = NDArray[Any]
 # Positions and velocities at the new state; a persistent batch goes on from there, so they cost nothing extra.
 _NEW_STATE = int(mujoco.mjtStage.mjSTAGE_VEL)
 
+OBJECT = "box"
+
 
 class Arms:
     """N simulations of one model whose arm is driven by increments of a commanded joint target.
@@ -24,7 +26,8 @@ class Arms:
     It lives in the simulation's control vector, so a saved row is the whole state.
 
     Args:
-        model: has the joints right_j0..right_j6 with one position servo each, in that order, and the site "gripper".
+        model: has the joints right_j0..right_j6 with one position servo each, in that order, the site "gripper" and the
+            geom "table"; it may have one object, a body "box" with a free joint and a geom of that name.
         num: simulations.
         substeps: physics steps per control step.
         action_limit: largest joint increment per control step, rad.
@@ -44,7 +47,14 @@ class Arms:
         self._low, self._high = limits[:, 0] + LIMIT_MARGIN, limits[:, 1] - LIMIT_MARGIN
         self._qpos, self._ctrl = self.batch.bind("qpos"), self.batch.bind("ctrl")
         self._site = self.batch.bind("site_xpos")[:, model.site("gripper").id]
+        self._has_object = any(model.joint(j).name == OBJECT for j in range(model.njnt))
+        if self._has_object:
+            joint = model.joint(OBJECT)
+            self._object_qpos = slice(joint.qposadr[0], joint.qposadr[0] + 7)
+            self._object_qvel = slice(joint.dofadr[0], joint.dofadr[0] + 6)
+            self._qvel = self.batch.bind("qvel")
         self._default_row = self.batch.state[0].copy()
+        self._perturbed: set[str] = set()  # model fields that differ between simulations
         self._history = self.batch.bind("history") if model.nhistory else None
 
     @property
@@ -59,11 +69,28 @@ class Arms:
         site: Array = self._site
         return site
 
-    def place(self, ids: Array, joint_position: Array) -> None:
-        """Put arms at rest at joint positions (n, 7) rad, clipped to the joint range, their servos holding them there."""
+    @property
+    def object_pose(self) -> Array:
+        """Pose of the object in the base frame, (N, 7) m and w x y z; a live view."""
+        pose: Array = self._qpos[:, self._object_qpos]
+        return pose
+
+    @property
+    def object_velocity(self) -> Array:
+        """Velocity of the object, linear in the base frame and angular in its own, (N, 6) m/s and rad/s; a live view."""
+        velocity: Array = self._qvel[:, self._object_qvel]
+        return velocity
+
+    def place(self, ids: Array, joint_position: Array, object_pose: Array | None = None) -> None:
+        """Put arms at rest at joint positions (n, 7) rad, clipped to the joint range, their servos holding them there.
+
+        The object, where there is one, is put at poses (n, 7) m and w x y z, at rest.
+        """
         q = np.clip(joint_position, self._low, self._high)
         self.batch.state[ids] = self._default_row
         self._qpos[np.ix_(ids, self._qpos_address)] = q
+        if object_pose is not None:
+            self._qpos[ids, self._object_qpos] = object_pose
         self._ctrl[ids] = q
         if self._history is not None:  # else the servos would first obey a history of zeros
             blocks = self._history.reshape(self.num, len(JOINTS), -1)  # per servo: two counters, n times, n values
@@ -95,7 +122,7 @@ class Arms:
         self.batch.forward(np.sort(ids), stage=_NEW_STATE)
 
     def perturb(self, parameters: Mapping[str, Array]) -> None:
-        """Make each simulation a robot of its own; see `skillcli.envs.domains.PARAMETERS` for names and units.
+        """Make each simulation a robot of its own, whatever it was; see `skillcli.perturbation.PARAMETERS`.
 
         Args:
             parameters: (N,) or (N, 7) by name; what is absent stays as in the model. Start and sensors are not the
@@ -106,21 +133,28 @@ class Arms:
         links = np.array([model.joint(name).bodyid[0] for name in JOINTS])
         servos = np.array([model.actuator(name).id for name in JOINTS])
         table = model.geom("table").id
+        touching = np.array([table, model.geom(OBJECT).id] if self._has_object else [table])
+        objects = np.array([model.body(OBJECT).id] if self._has_object else [], dtype=int)
         changed: dict[str, list[tuple[str, tuple[Any, ...], bool]]] = {
             # parameter: model field, where in it, and whether it is scaled, else added to
             "link_mass": [("body_mass", (links,), True), ("body_inertia", (links,), True)],
             "gravity_compensation": [("body_gravcomp", (slice(None),), True)],
+            "object_mass": [("body_mass", (objects,), True), ("body_inertia", (objects,), True)],
             "joint_damping": [("dof_damping", (dofs,), True)],
             "joint_friction": [("dof_frictionloss", (dofs,), True)],
             # kp stands in gain and bias, kv in the bias: kv is scaled too, since dampratio is fixed at compile time
             "gain": [("actuator_gainprm", (servos,), True), ("actuator_biasprm", (servos,), True)],
-            "contact_friction": [("geom_friction", (table, slice(0, 1)), True)],
+            "contact_friction": [("geom_friction", (touching, slice(0, 1)), True)],
             "table_height": [("geom_pos", (table, slice(2, 3)), False)],
             "latency": [("actuator_delay", (servos,), False)],
         }
-        for parameter in changed.keys() & parameters.keys():
+        self._perturbed |= {field for parameter in changed.keys() & parameters.keys() for field, _, _ in changed[parameter]}
+        live = {field: batch.expand(field) for field in sorted(self._perturbed)}
+        for field, values in live.items():
+            values[:] = getattr(model, field)
+        for parameter in sorted(changed.keys() & parameters.keys()):
             for field, where, scales in changed[parameter]:
-                values, at = batch.expand(field), (slice(None), *where)
+                values, at = live[field], (slice(None), *where)
                 change = parameters[parameter].reshape(self.num, -1, *(1,) * (values[at].ndim - 2))
                 values[at] = values[at] * change if scales else values[at] + change
         batch.set_const()

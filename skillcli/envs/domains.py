@@ -2,67 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from skillcli.errors import UsageError
-from skillcli.trajectories import Array
-
-
-@dataclass(frozen=True)
-class Uniform:
-    """Equally likely between low and high."""
-
-    low: float
-    high: float
-
-    def draw(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
-        """Values of the given shape."""
-        return rng.uniform(self.low, self.high, shape)
-
-
-@dataclass(frozen=True)
-class LogUniform:
-    """Equally likely per octave between low and high, both positive."""
-
-    low: float
-    high: float
-
-    def draw(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
-        """Values of the given shape."""
-        values: Array = np.exp(rng.uniform(math.log(self.low), math.log(self.high), shape))
-        return values
-
-
-@dataclass(frozen=True)
-class OneOf:
-    """One of these values."""
-
-    values: tuple[float, ...]
-
-    def draw(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
-        """Values of the given shape."""
-        return rng.choice(np.array(self.values), shape)
-
-
-Range = Uniform | LogUniform | OneOf
-
-# What a domain may change: (values per episode, unit, meaning). Factors multiply the model's own value.
-PARAMETERS: dict[str, tuple[int, str, str]] = {
-    "link_mass": (7, "factor", "mass and inertia of the link behind each joint; the controller still knows the true weight"),
-    "gravity_compensation": (1, "factor", "share of the arm's weight that the controller compensates"),
-    "joint_damping": (7, "factor", "viscous damping of each joint"),
-    "joint_friction": (7, "factor", "dry friction of each joint"),
-    "gain": (7, "factor", "stiffness of each servo, its damping with it"),
-    "contact_friction": (1, "factor", "sliding friction of the table"),
-    "table_height": (1, "m", "offset of the table top"),
-    "latency": (1, "s", "delay between a command and its effect, at most 0.155 s"),
-    "joint_noise": (1, "rad", "standard deviation of white noise on measured joint angles"),
-    "position_noise": (1, "m", "standard deviation of white noise on measured positions"),
-    "start_offset": (7, "rad", "offset of each joint from the start pose"),
-}
+from skillcli.perturbation import Range, log_uniform, one_of, uniform
 
 
 @dataclass(frozen=True)
@@ -83,35 +26,42 @@ DOMAINS: dict[str, Domain] = {
     for domain in (
         Domain("nominal", "the simulation itself, nothing changed", {}),
         Domain(
+            "random-starts",
+            "the simulation itself, but arm and box start elsewhere",
+            {"start_offset": uniform(-0.15, 0.15), "object_offset": uniform(-0.12, 0.12)},
+        ),
+        Domain(
             "mild",
             "a well identified robot: small errors of mass, friction, gains and sensors, no latency",
             {
-                "link_mass": Uniform(0.98, 1.02),
-                "joint_damping": Uniform(0.9, 1.1),
-                "joint_friction": Uniform(0.9, 1.1),
-                "gain": Uniform(0.95, 1.05),
-                "contact_friction": Uniform(0.9, 1.1),
-                "table_height": Uniform(-0.0015, 0.0015),
-                "joint_noise": Uniform(0.001, 0.001),
-                "position_noise": Uniform(0.001, 0.001),
-                "start_offset": Uniform(-0.005, 0.005),
+                "link_mass": uniform(0.98, 1.02),
+                "joint_damping": uniform(0.9, 1.1),
+                "joint_friction": uniform(0.9, 1.1),
+                "gain": uniform(0.95, 1.05),
+                "object_mass": uniform(0.98, 1.02),
+                "contact_friction": uniform(0.9, 1.1),
+                "table_height": uniform(-0.0015, 0.0015),
+                "joint_noise": one_of(0.001),
+                "position_noise": one_of(0.001),
+                "start_offset": uniform(-0.005, 0.005),
             },
         ),
         Domain(
             "real-like",
             "a robot known from its data sheet only: wide errors, latency in half of the episodes, noisy sensors",
             {
-                "link_mass": Uniform(0.6, 1.4),
-                "gravity_compensation": Uniform(0.9, 1.1),
-                "joint_damping": LogUniform(0.5, 2.0),
-                "joint_friction": Uniform(0.6, 1.4),
-                "gain": Uniform(0.7, 1.3),
-                "contact_friction": Uniform(0.6, 1.4),
-                "table_height": Uniform(-0.005, 0.005),
-                "latency": OneOf((0.0, 0.05)),
-                "joint_noise": Uniform(0.005, 0.005),
-                "position_noise": Uniform(0.003, 0.003),
-                "start_offset": Uniform(-0.02, 0.02),
+                "link_mass": uniform(0.6, 1.4),
+                "gravity_compensation": uniform(0.9, 1.1),
+                "joint_damping": log_uniform(0.5, 2.0),
+                "joint_friction": uniform(0.6, 1.4),
+                "gain": uniform(0.7, 1.3),
+                "object_mass": uniform(0.6, 1.4),
+                "contact_friction": uniform(0.6, 1.4),
+                "table_height": uniform(-0.005, 0.005),
+                "latency": one_of(0.0, 0.05),
+                "joint_noise": one_of(0.005),
+                "position_noise": one_of(0.003),
+                "start_offset": uniform(-0.02, 0.02),
             },
         ),
     )
@@ -127,12 +77,3 @@ def find_domain(name: str) -> Domain:
     if name not in DOMAINS:
         raise UsageError(f"no domain {name!r}", f"domains: {', '.join(DOMAINS)}; see `skill domains`")
     return DOMAINS[name]
-
-
-def sample(domain: Domain, episodes: int, rng: np.random.Generator) -> dict[str, Array]:
-    """Draw the domain's parameters for each episode, (E,) or (E, 7) by name; see `PARAMETERS`."""
-    drawn = {}
-    for name, values in domain.parameters.items():
-        size = PARAMETERS[name][0]
-        drawn[name] = values.draw(rng, (episodes,) if size == 1 else (episodes, size))
-    return drawn

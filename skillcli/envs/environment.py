@@ -30,6 +30,7 @@ class Environment(Protocol):
     control_period: float  # s
     observation_size: int
     action_size: int
+    privileged_size: int
     goals: Array  # (K, 3) m, the goal of each skill
     tolerance: float  # m
     target: Array  # (N, 3) m, the goal that the reward looks at
@@ -41,11 +42,17 @@ class Environment(Protocol):
     def observe(self) -> Array:
         """(N, o) float32."""
 
+    def privileged(self) -> Array:
+        """What a value function may know and a policy may not, (N, p) float32; p may be 0."""
+
     def step(self, action: Array) -> Step:
         """Apply actions (N, a), in units of the action limit and clipped to ±1, for one control step."""
 
     def judged(self) -> Array:
         """Where the judged point of each simulation is, (N, 3) m."""
+
+    def landmarks(self) -> Array:
+        """Points that tell a planner how things stand, (N, L, 3) m: the judged one first, then the gripper beside a box."""
 
     def begin(self, ids: Array, rows: Array, skill: Array) -> None:
         """Begin episodes of these skills from saved states, their clocks at zero."""
@@ -57,7 +64,12 @@ class Environment(Protocol):
         """Put saved states into these slots."""
 
     def perturb(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
-        """Turn every simulation into a robot of its own, with parameters (N, ...) of a domain, before a reset."""
+        """Turn every simulation into a robot of its own, before a reset; see `skillcli.perturbation.PARAMETERS`.
+
+        Args:
+            parameters: (N,) or (N, n) by name; what is absent is nominal.
+            rng: of the sensor noise.
+        """
 
     def snapshot(self) -> dict[str, Array]:
         """What a recording keeps of the present moment, by the names of `Trajectories`, each (N, ...)."""

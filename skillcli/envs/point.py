@@ -19,10 +19,12 @@ class PointEnvironment:
 
     observation_size = 2
     action_size = 2
+    privileged_size = 0
 
     def __init__(self, task: PointTask, num: int) -> None:
         self.num, self.horizon, self.tolerance = num, task.horizon, task.tolerance
         self.control_period = task.control_period
+        self._nominal_limit = task.step_limit
         self._step_limit: Array = np.full((num, 1), task.step_limit)
         self._bound = task.bound
         self._noise: Array | None = None  # sensor noise of a transfer domain, (N, 1) m
@@ -50,10 +52,14 @@ class PointEnvironment:
         noisy = self._position + self._noise * self._rng.standard_normal((self.num, 2))
         return noisy.astype(np.float32)
 
+    def privileged(self) -> Array:
+        """See `Environment`."""
+        return np.zeros((self.num, 0), dtype=np.float32)
+
     def perturb(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
         """Change the mean gain of the moves and the position noise; what else a domain names has no meaning here."""
         if "gain" in parameters:
-            self._step_limit = self._step_limit * parameters["gain"].mean(axis=1, keepdims=True)
+            self._step_limit = self._nominal_limit * parameters["gain"].mean(axis=1, keepdims=True)
         if "position_noise" in parameters:
             self._noise, self._rng = parameters["position_noise"][:, None], rng
 
@@ -68,6 +74,10 @@ class PointEnvironment:
     def judged(self) -> Array:
         """See `Environment`."""
         return np.concatenate([self._position, np.zeros((self.num, 1))], axis=1)
+
+    def landmarks(self) -> Array:
+        """See `Environment`."""
+        return self.judged()[:, None]
 
     def save(self, ids: Array) -> Array:
         """See `Environment`."""

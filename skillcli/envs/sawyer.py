@@ -29,8 +29,8 @@ LIMIT_MARGIN = 0.02
 DELAY_HISTORY = 0.16
 
 TABLE_TOP = 0.0  # m: the robot's base stands on the same height
-_TABLE_CENTRE = (0.72, 0.0)
-_TABLE_HALF_SIZE = (0.42, 0.6, 0.02)
+TABLE_CENTRE = (0.72, 0.0)
+TABLE_HALF_SIZE = (0.42, 0.6, 0.02)
 
 
 def arm_spec(timestep: float, delay: bool = False) -> mujoco.MjSpec:
@@ -44,11 +44,11 @@ def arm_spec(timestep: float, delay: bool = False) -> mujoco.MjSpec:
     spec.option.timestep = timestep
     for actuator in spec.actuators:
         actuator.nsample = round(DELAY_HISTORY / timestep) if delay else 0
-    table = spec.worldbody.add_body(name="table", pos=[*_TABLE_CENTRE, TABLE_TOP - _TABLE_HALF_SIZE[2]])
+    table = spec.worldbody.add_body(name="table", pos=[*TABLE_CENTRE, TABLE_TOP - TABLE_HALF_SIZE[2]])
     table.add_geom(
         name="table",
         type=mujoco.mjtGeom.mjGEOM_BOX,
-        size=_TABLE_HALF_SIZE,
+        size=TABLE_HALF_SIZE,
         rgba=[0.78, 0.72, 0.62, 1],
         priority=1,  # else the larger friction of a pair counts, and a slippery table never would
         friction=[0.6, 0.005, 1e-4],

@@ -5,6 +5,7 @@ A new task is one file beside this one and one line in each table here.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import mujoco
@@ -13,26 +14,35 @@ import numpy as np
 from skillcli.envs import sawyer
 from skillcli.envs.environment import Array, Environment
 from skillcli.envs.point import PointEnvironment
+from skillcli.envs.push import PushEnvironment, push_spec, pushing_distance
 from skillcli.envs.reach import ReachEnvironment, reach_spec
 from skillcli.errors import UsageError
-from skillcli.recipe import PointTask, ReachTask
+from skillcli.recipe import PointTask, PushTask, ReachTask
 
-Task = PointTask | ReachTask
+Task = PointTask | ReachTask | PushTask
 
 MAX_SIMULATIONS = 1024  # side by side, where there may be any number of episodes: the rest comes after, memory is bounded
 
 DESCRIPTIONS = {
     "point": "a point in the plane moved by velocity; no physics, trains in seconds",
     "reach": "the Sawyer's gripper goes to points in space, joint increments at 20 Hz",
+    "push": "the Sawyer's finger pushes a box over the table, with real contact",
 }
 
-# Waypoints in order, m. triangle and square-through-the-middle of the cuboid that the trained reach goals span.
-COMPOSITIONS: dict[str, dict[str, tuple[tuple[float, float, float], ...]]] = {
+# Routes from the start, each of waypoints in order: goals as they are typed.
+Route = tuple[tuple[float, ...], ...]
+COMPOSITIONS: dict[str, dict[str, tuple[Route, ...]]] = {
     "point": {
-        "triangle": ((2.0, 1.0, 0.0), (-2.0, 1.0, 0.0), (0.0, -2.0, 0.0)),
+        "triangle": (((2.0, 1.0), (-2.0, 1.0), (0.0, -2.0)),),
     },
     "reach": {  # Julian et al. 2018, the searched triangle
-        "triangle": ((0.6, 0.3, 0.15), (0.6, -0.3, 0.15), (0.6, 0.0, 0.3), (0.6, 0.3, 0.15)),
+        "triangle": (((0.6, 0.3, 0.15), (0.6, -0.3, 0.15), (0.6, 0.0, 0.3), (0.6, 0.3, 0.15)),),
+    },
+    "push": {  # every 30 degrees, 20 cm from the start: outside the square that the skills span
+        "ring": tuple(
+            ((round(0.2 * math.cos(math.radians(angle)), 4), round(0.2 * math.sin(math.radians(angle)), 4)),)
+            for angle in range(0, 360, 30)
+        ),
     },
 }
 
@@ -48,21 +58,27 @@ def make(task: Task, num: int, threads: int = 0, delay: bool = False) -> Environ
     """
     if isinstance(task, PointTask):
         return PointEnvironment(task, num)
+    if isinstance(task, PushTask):
+        return PushEnvironment(task, num, threads, delay)
     return ReachEnvironment(task, num, threads, delay)
+
+
+def _spec_of(task: ReachTask | PushTask) -> mujoco.MjSpec:
+    return push_spec(task) if isinstance(task, PushTask) else reach_spec(task)
 
 
 def model_of(task: Task) -> mujoco.MjModel | None:
     """The task's MuJoCo model; None for the point."""
-    return None if isinstance(task, PointTask) else reach_spec(task).compile()
+    return None if isinstance(task, PointTask) else _spec_of(task).compile()
 
 
 def model_fingerprint(task: Task) -> str:
     """SHA-256 of the task's model; empty for the point."""
-    return "" if isinstance(task, PointTask) else sawyer.fingerprint(reach_spec(task))
+    return "" if isinstance(task, PointTask) else sawyer.fingerprint(_spec_of(task))
 
 
-def named_waypoints(task: Task, name: str) -> Array:
-    """The waypoints of a named composition, (W, 3) m.
+def named_routes(task: Task, name: str) -> tuple[Array, ...]:
+    """The routes of a named composition, (W, 3) m each.
 
     Raises:
         UsageError: this task has no composition of that name.
@@ -72,27 +88,37 @@ def named_waypoints(task: Task, name: str) -> Array:
         raise UsageError(
             f"no composition {name!r} for the {task.name} task", f"compositions: {', '.join(known)}; or give --goal"
         )
-    return np.array(known[name])
+    return tuple(np.array([goal_place(task, goal) for goal in route]) for route in known[name])
 
 
 def skill_goals(task: Task) -> Array:
-    """The goals of the task's skills, (K, 3) m."""
-    return np.array([point3(task, goal) for goal in task.goals])
+    """Where the task's skills should end, (K, 3) m."""
+    return np.array([goal_place(task, goal) for goal in task.goals])
 
 
-def point3(task: Task, goal: Sequence[float]) -> list[float]:
-    """A goal as it is typed for a task, with three coordinates.
+def goal_place(task: Task, goal: Sequence[float]) -> list[float]:
+    """Where a goal is, (3,) m, from how it is typed for a task: for push a displacement of the box from its nominal start.
 
     Raises:
         UsageError: it has the wrong number of coordinates.
     """
-    wanted = 2 if isinstance(task, PointTask) else 3
+    wanted = 3 if isinstance(task, ReachTask) else 2
     if len(goal) != wanted:
-        example = "1.0,2.0" if wanted == 2 else "0.6,0.0,0.2"
         raise UsageError(
-            f"a goal of the {task.name} task has {wanted} numbers, got {len(goal)}", f"for example --goal {example}"
+            f"a goal of the {task.name} task has {wanted} numbers, got {len(goal)}",
+            f"for example --goal {_EXAMPLES[task.name]}",
         )
+    if isinstance(task, PushTask):
+        return [task.box_start[0] + goal[0], task.box_start[1] + goal[1], 0.0]
     return [*goal, 0.0][:3]
+
+
+_EXAMPLES = {"point": "1.0,2.0", "reach": "0.6,0.0,0.2", "push": "0.1,-0.1"}
+
+
+def standoff(task: Task) -> float:
+    """How far from the centre of the box a gripper stands that pushes it, m; 0 without a box."""
+    return pushing_distance(task) if isinstance(task, PushTask) else 0.0
 
 
 def check_goal(task: Task, goal: Array) -> None:
@@ -103,11 +129,13 @@ def check_goal(task: Task, goal: Array) -> None:
     """
     shown = ",".join(f"{x:g}" for x in goal)
     if not np.isfinite(goal).all():
-        raise UsageError(f"goal {shown} is not finite", "give metres, for example --goal 0.6,0.0,0.2")
+        raise UsageError(f"goal {shown} is not finite", f"give metres, for example --goal {_EXAMPLES[task.name]}")
     if isinstance(task, PointTask):
         if np.abs(goal[:2]).max() > task.bound:
             raise UsageError(f"goal {shown} is out of bounds", f"both coordinates must lie within ±{task.bound:g} m")
         return
+    if isinstance(task, PushTask):
+        _check_on_table(task, goal, shown)
     distance = float(np.linalg.norm(goal - sawyer.SHOULDER))
     if distance > sawyer.LONGEST_REACH:
         raise UsageError(
@@ -121,6 +149,17 @@ def check_goal(task: Task, goal: Array) -> None:
         )
     if goal[2] < sawyer.TABLE_TOP:
         raise UsageError(f"goal {shown} lies below the table", f"the table top is at z = {sawyer.TABLE_TOP:g} m")
+
+
+def _check_on_table(task: PushTask, goal: Array, shown: str) -> None:
+    half_box = max(task.box_size[:2]) / 2
+    room = np.array(sawyer.TABLE_HALF_SIZE[:2]) - half_box
+    if (np.abs(goal[:2] - sawyer.TABLE_CENTRE) > room).any():
+        low, high = (sawyer.TABLE_CENTRE + sign * room - task.box_start for sign in (-1, 1))
+        raise UsageError(
+            f"goal {shown} leaves no room for the box on the table",
+            f"displacements lie between {_listed(low)} and {_listed(high)} m",
+        )
 
 
 def _listed(numbers: Array) -> str:

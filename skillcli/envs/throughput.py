@@ -6,8 +6,8 @@ import time
 
 import numpy as np
 
+from skillcli.envs.arm_environment import ArmEnvironment
 from skillcli.envs.environment import Environment
-from skillcli.envs.reach import ReachEnvironment
 
 STEPS = 10  # control steps per measurement: a tenth of a second at the default size
 
@@ -24,7 +24,7 @@ class BareEngine:
 
     def measure(self) -> None:
         """Step the engine from the states that the environment is in, with random targets, and put them back."""
-        if not isinstance(self._env, ReachEnvironment):  # the point task has no engine below it
+        if not isinstance(self._env, ArmEnvironment):  # the point task has no engine below it
             return
         arms = self._env.arms
         everyone = np.arange(arms.num)

@@ -32,9 +32,10 @@ class Agent(nn.Module):
         action: action size a.
         goals: (K, 3) m, one per skill; they only arrange the embedding's first means.
         seed: of the initial weights.
+        privileged: size p of what only the value function sees.
     """
 
-    def __init__(self, recipe: Recipe, observation: int, action: int, goals: Array, seed: int = 0) -> None:
+    def __init__(self, recipe: Recipe, observation: int, action: int, goals: Array, seed: int = 0, privileged: int = 0) -> None:
         super().__init__()
         torch.set_num_threads(1)  # results must not depend on how many cores there are
         embedding, network = recipe.embedding, recipe.network
@@ -42,6 +43,8 @@ class Agent(nn.Module):
         self.window, self.skills = embedding.window, skills
         make = torch_generator(seed, "networks")
         self.normalizer = Normalizer(observation)
+        if privileged:
+            self.privileged_normalizer = Normalizer(privileged)
         self.policy = Policy(observation, embedding.size, action, network.policy_hidden, network.initial_action_std, make)
         bounds = (embedding.min_std, embedding.max_std)
         first_means = (
@@ -52,7 +55,7 @@ class Agent(nn.Module):
         self.embedding = Embedding(first_means, embedding.initial_std, bounds)
         window_size = embedding.window * observation
         self.inference = Inference(window_size, embedding.size, network.inference_hidden, make)
-        self.value = Value(observation, embedding.size, skills, network.value_hidden, make)
+        self.value = Value(observation, privileged, embedding.size, skills, network.value_hidden, make)
 
     @torch.no_grad()
     def act(self, observation: Array, latent: Array) -> Array:
@@ -60,6 +63,19 @@ class Agent(nn.Module):
         normalized = self.normalizer(torch.as_tensor(observation, dtype=torch.float32))
         mean: Array = self.policy(normalized, torch.as_tensor(latent, dtype=torch.float32)).numpy()
         return mean
+
+    def normalized_privileged(self, privileged: Tensor) -> Tensor:
+        """(..., p) to zero mean and unit variance; p may be 0."""
+        if privileged.shape[-1] == 0:
+            return privileged
+        normalized: Tensor = self.privileged_normalizer(privileged)
+        return normalized
+
+    def update_normalizers(self, observation: Tensor, privileged: Tensor) -> None:
+        """Take in a batch, (n, o) and (n, p)."""
+        self.normalizer.update(observation)
+        if privileged.shape[-1]:
+            self.privileged_normalizer.update(privileged)
 
     @torch.no_grad()
     def embed(self) -> tuple[Array, Array]:

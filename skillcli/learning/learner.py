@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from skillcli import perturbation
 from skillcli.errors import SkillError
 from skillcli.learning import te_ppo
 from skillcli.learning.agent import Agent
@@ -34,7 +35,7 @@ class Learner:
 
     def __init__(self, env: VectorEnvironment, recipe: Recipe, seed: int) -> None:
         self.env, self.recipe = env, recipe
-        self.agent = Agent(recipe, env.observation_size, env.action_size, env.goals, seed)
+        self.agent = Agent(recipe, env.observation_size, env.action_size, env.goals, seed, env.privileged_size)
         self.optimizers = te_ppo.Optimizers.of(self.agent, recipe.training.learning_rate)
         self.pool = StartPool(POOL_CAPACITY)
         self.rng = generator(seed, "training")
@@ -54,15 +55,16 @@ class Learner:
             SkillError: training came apart.
         """
         training = self.recipe.training
+        self._randomise()
         rollout = collect(self.env, self.agent, self.pool, training.chained_starts, self.rng)
-        seen = torch.from_numpy(rollout.observation).flatten(0, 1)
+        seen = (torch.from_numpy(rollout.observation).flatten(0, 1), torch.from_numpy(rollout.privileged).flatten(0, 1))
         if self.iteration == 0:  # before the first update there is nothing to normalise by
-            self.agent.normalizer.update(seen)
+            self.agent.update_normalizers(*seen)
         batch, prepared = te_ppo.prepare(rollout, self.agent, training)
         progress = self.iteration / training.iterations
         updated = te_ppo.update(batch, self.agent, self.optimizers, training, progress, self.rng)
         if self.iteration > 0:
-            self.agent.normalizer.update(seen)
+            self.agent.update_normalizers(*seen)
         self.iteration += 1
         self.env_steps += rollout.reward.size
         self.sampling_seconds += rollout.seconds
@@ -71,6 +73,20 @@ class Learner:
         for name, number in point.items():
             self.curves.setdefault(name, []).append(number)
         return point
+
+    def _randomise(self) -> None:
+        """Draw another robot for every simulation; the late parameters reach a share of them that grows with training."""
+        chosen = self.recipe.randomisation
+        if not chosen.always and not chosen.late:
+            return
+        parameters = perturbation.sample({**chosen.always, **chosen.late}, self.env.num, self.rng)
+        progress = self.iteration / self.recipe.training.iterations
+        span = chosen.late_full - chosen.late_from
+        share = np.clip((progress - chosen.late_from) / span, 0, 1) if span > 0 else float(progress >= chosen.late_from)
+        spared = self.rng.random(self.env.num) >= share
+        for name in chosen.late:
+            parameters[name][spared] = perturbation.NEUTRAL[name]
+        self.env.perturb(parameters, np.random.default_rng(self.rng.integers(2**63)))
 
     def _outcome(self, rollout: Rollout) -> dict[str, float]:
         tolerance = self.recipe.task.tolerance

@@ -121,19 +121,6 @@ class Inference(nn.Module):
         return mean, bounded_std(raw_std, self.MIN_STD, self.MAX_STD)
 
 
-class Value(nn.Module):
-    """V(s,z,t), in units of the value scale; it may know the skill, the policy may not."""
-
-    def __init__(self, observation: int, latent: int, skills: int, hidden: Sequence[int], generator: torch.Generator) -> None:
-        super().__init__()
-        self.body = mlp([observation + latent + skills, *hidden, 1], 1.0, generator)
-
-    def forward(self, observation: Tensor, latent: Tensor, skill_one_hot: Tensor) -> Tensor:
-        """(..., o), (..., d), (..., K) to (...,)."""
-        value: Tensor = self.body(torch.cat([observation, latent, skill_one_hot], -1)).squeeze(-1)
-        return value
-
-
 CLIP = 5.0  # normalised observations stay within this many standard deviations
 
 
@@ -168,3 +155,18 @@ class Normalizer(nn.Module):
         self.variance += (variance - self.variance) * (n / total) + delta.square() * (self.count * n / total**2)
         self.mean += delta * (n / total)
         self.count += n
+
+
+class Value(nn.Module):
+    """V(s,z,t), in units of the value scale; it may know the skill and what else the policy may not (Pinto et al. 2017)."""
+
+    def __init__(
+        self, observation: int, privileged: int, latent: int, skills: int, hidden: Sequence[int], generator: torch.Generator
+    ) -> None:
+        super().__init__()
+        self.body = mlp([observation + privileged + latent + skills, *hidden, 1], 1.0, generator)
+
+    def forward(self, observation: Tensor, privileged: Tensor, latent: Tensor, skill_one_hot: Tensor) -> Tensor:
+        """(..., o) and (..., p) normalised, (..., d), (..., K) to (...,)."""
+        value: Tensor = self.body(torch.cat([observation, privileged, latent, skill_one_hot], -1)).squeeze(-1)
+        return value

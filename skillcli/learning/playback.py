@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -29,13 +29,12 @@ class RecordedEnvironment(Protocol):
         """One control step: observation, reward, terminated, truncated."""
 
     def snapshot(self) -> dict[str, Array]:
-        """What a recording keeps of the present moment."""
-
-    def judged(self) -> Array:
-        """Where the judged points are, (N, 3) m."""
+        """What a recording keeps of the present moment, and among it the point that is judged."""
 
 
-def play(env: RecordedEnvironment, act: Act, latent: Array, skill: Array) -> tuple[Trajectories, Array]:
+def play(
+    env: RecordedEnvironment, act: Act, latent: Array, skill: Array, steps: Array | None = None
+) -> tuple[Trajectories, Array]:
     """Feed each simulation its latents, from where it stands.
 
     Args:
@@ -43,56 +42,65 @@ def play(env: RecordedEnvironment, act: Act, latent: Array, skill: Array) -> tup
         act: the frozen policy.
         latent: (N, T, d).
         skill: (N, T) the skill whose mean is fed, -1 for other latents.
+        steps: (N,) how many of them are for each simulation, all T by default; its recording rests from there on.
 
     Returns:
         The recording (success: the judged point is within the tolerance at the end, and nothing failed on the way) and
         the observations (N, T+1, o).
     """
-    num, steps = skill.shape
+    num, last = skill.shape
     moments, actions, rewards = [env.snapshot()], [], []
     observations = [env.observe()]
-    length = np.full(num, steps)
-    alive = np.ones(num, dtype=bool)
-    for t in range(steps):
+    length = np.full(num, last) if steps is None else steps.copy()
+    failed = np.zeros(num, dtype=bool)
+    for t in range(last):
+        running = t < length
         step = env.step(act(observations[-1], latent[:, t]))
         observations.append(step.observation)
-        rewards.append(np.where(alive, step.reward, 0.0))
-        actions.append(np.where(alive[:, None], env.applied, 0.0))
-        length[alive & step.terminated] = t + 1
-        alive &= ~step.terminated
-        moments.append(_frozen(env.snapshot(), moments[-1], ~alive))
-    gap = np.linalg.norm(env.judged() - env.target, axis=1)
+        rewards.append(np.where(running, step.reward, 0.0))
+        actions.append(np.where(running[:, None], env.applied, 0.0))
+        failing = running & step.terminated
+        length[failing] = t + 1
+        failed |= failing
+        moments.append(_frozen(env.snapshot(), moments[-1], ~running | failing))
     state = {name: np.stack([moment[name] for moment in moments], axis=1) for name in moments[0]}
     recording = Trajectories(
-        time=np.arange(steps + 1) * env.control_period,
+        time=np.arange(last + 1) * env.control_period,
         latent=latent.astype(np.float32),
         skill=skill.astype(np.int32),
         action=np.stack(actions, axis=1).astype(np.float32),
         reward=np.stack(rewards, axis=1).astype(np.float32),
         target=env.target.copy(),
-        success=alive & (gap <= env.tolerance),
+        success=~failed,
         length=length,
         **{name: values.astype(np.float32) for name, values in state.items()},
     )
-    return recording, np.stack(observations, axis=1)
+    near = metrics.final_distance(recording) <= env.tolerance
+    return recording.judged_by(recording.success & near), np.stack(observations, axis=1)
 
 
-def _frozen(moment: dict[str, Array], before: dict[str, Array], failed: Array) -> dict[str, Array]:
-    """The present moment, where episodes that have failed keep the last state before they did."""
-    return {name: np.where(failed.reshape(-1, *(1,) * (now.ndim - 1)), before[name], now) for name, now in moment.items()}
+def _frozen(moment: dict[str, Array], before: dict[str, Array], over: Array) -> dict[str, Array]:
+    """The present moment, where episodes that are over, or have just failed, keep the state before."""
+    return {name: np.where(over.reshape(-1, *(1,) * (now.ndim - 1)), before[name], now) for name, now in moment.items()}
 
 
-def play_waypoints(env: RecordedEnvironment, act: Act, latent: Array, skill: Array, waypoints: Array) -> Trajectories:
-    """Like `play`, judged by waypoints (W, 3) m: all of them approached in order within the tolerance, the last one held.
+def play_waypoints(
+    env: RecordedEnvironment, act: Act, latent: Array, skill: Array, waypoints: Sequence[Array], steps: Array | None = None
+) -> Trajectories:
+    """Like `play`, judged by waypoints: all of them approached in order within the tolerance, the last one held.
 
     Args:
         env: N simulations, already placed.
         act: the frozen policy.
         latent: (N, T, d).
         skill: (N, T).
-        waypoints: the last one becomes the target of every simulation.
+        waypoints: (W, 3) m for each simulation; the last one becomes its target.
+        steps: as for `play`.
     """
-    env.target[:] = waypoints[-1]
-    recording, _ = play(env, act, latent, skill)
-    closest = np.array([metrics.ordered_approach(path, waypoints, env.tolerance) for path in recording.judged])
-    return recording.judged_by(recording.success & (closest <= env.tolerance).all(axis=1))
+    env.target[:] = [route[-1] for route in waypoints]
+    recording, _ = play(env, act, latent, skill, steps)
+    met = [
+        bool((metrics.ordered_approach(path, route, env.tolerance) <= env.tolerance).all())
+        for path, route in zip(recording.judged, waypoints, strict=True)
+    ]
+    return recording.judged_by(recording.success & np.array(met))

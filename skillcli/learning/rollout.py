@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -20,6 +21,7 @@ class VectorEnvironment(Protocol):
     horizon: int
     observation_size: int
     action_size: int
+    privileged_size: int
     goals: Array
     target: Array
 
@@ -35,8 +37,14 @@ class VectorEnvironment(Protocol):
     def observe(self) -> Array:
         """Observations (N, o)."""
 
+    def privileged(self) -> Array:
+        """What only the value function sees, (N, p)."""
+
     def step(self, action: Array) -> Any:
         """One control step: observation, reward, terminated, truncated."""
+
+    def perturb(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
+        """Turn every simulation into a robot of its own."""
 
     def save(self, ids: Array) -> Array:
         """Whole states of these simulations."""
@@ -47,6 +55,7 @@ class Rollout:
     """One episode per simulation, T steps each; steps behind a termination are not valid."""
 
     observation: Array  # (T+1, N, o) float32
+    privileged: Array  # (T+1, N, p) float32
     action: Array  # (T, N, a) float32, as drawn
     reward: Array  # (T, N) the task's own
     terminated: Array  # (T, N) bool
@@ -109,6 +118,7 @@ def collect(env: VectorEnvironment, agent: Agent, pool: StartPool, chained: floa
     kept_moments = set(rng.choice(steps, size=min(pool.SNAPSHOTS, steps), replace=False).tolist())
 
     observation = np.empty((steps + 1, num, env.observation_size), dtype=np.float32)
+    privileged = np.empty((steps + 1, num, env.privileged_size), dtype=np.float32)
     action = np.empty((steps, num, env.action_size), dtype=np.float32)
     reward = np.empty((steps, num), dtype=np.float32)
     terminated, valid = np.zeros((steps, num), dtype=bool), np.ones((steps, num), dtype=bool)
@@ -116,17 +126,19 @@ def collect(env: VectorEnvironment, agent: Agent, pool: StartPool, chained: floa
     alive = np.ones(num, dtype=bool)
     act = Actor(agent, latent)
 
-    observation[0] = env.observe()
+    observation[0], privileged[0] = env.observe(), env.privileged()
     for t in range(steps):
         np.add(act(observation[t]), exploration[t], out=action[t])
         step = env.step(action[t])
         observation[t + 1], reward[t], terminated[t], valid[t] = step.observation, step.reward, step.terminated, alive
+        privileged[t + 1] = env.privileged()
         alive &= ~step.terminated
         if t in kept_moments:
             pool.add(env.save(everyone[alive]))  # nobody starts where someone failed
     seconds = time.perf_counter() - started
     return Rollout(
         observation=observation,
+        privileged=privileged,
         action=action,
         reward=reward,
         terminated=terminated,

@@ -65,6 +65,7 @@ class Batch:
     """A rollout, flattened to its n valid steps, with everything the losses need."""
 
     observation: Tensor  # (n, o) normalised
+    privileged: Tensor  # (n, p) normalised
     action: Tensor  # (n, a)
     old_log_prob: Tensor  # (n,)
     advantage: Tensor  # (n,) standardised
@@ -108,9 +109,10 @@ def prepare(rollout: Rollout, agent: Agent, training: Training) -> tuple[Batch, 
     """Values, augmented rewards and advantages of a rollout, flattened; and what is worth logging."""
     steps = rollout.action.shape[0]
     observation = agent.normalizer(torch.from_numpy(rollout.observation))  # (T+1, N, o)
+    privileged = agent.normalized_privileged(torch.from_numpy(rollout.privileged))  # (T+1, N, p)
     skill = torch.from_numpy(rollout.skill)
     latent = torch.from_numpy(rollout.latent).expand(steps + 1, -1, -1)
-    value = agent.value(observation, latent, one_hot(skill, agent.skills).expand(steps + 1, -1, -1)).numpy()
+    value = agent.value(observation, privileged, latent, one_hot(skill, agent.skills).expand(steps + 1, -1, -1)).numpy()
     window = windows(observation, agent.window)[1:]  # (T, N, H*o)
     log_q = gaussian.log_prob(latent[1:], *agent.inference(window))
     reward = augmented_reward(rollout.reward, log_q.numpy(), training)
@@ -126,6 +128,7 @@ def prepare(rollout: Rollout, agent: Agent, training: Training) -> tuple[Batch, 
     flat_advantage = torch.from_numpy(advantage)[valid]
     batch = Batch(
         observation=observation[:-1][valid],
+        privileged=privileged[:-1][valid],
         action=action[valid],
         old_log_prob=old_log_prob[valid],
         advantage=(flat_advantage - flat_advantage.mean()) / (flat_advantage.std() + 1e-8),
@@ -210,7 +213,7 @@ def _update_critics(
     for order in orders:
         for chosen in _minibatches(order, training.minibatch):
             skill = one_hot(batch.skill[chosen], agent.skills)
-            value = agent.value(batch.observation[chosen], batch.latent[chosen], skill)
+            value = agent.value(batch.observation[chosen], batch.privileged[chosen], batch.latent[chosen], skill)
             value_loss = (value - batch.value_target[chosen]).square().mean()
             _descend(optimizers.value, value_loss, training.max_grad_norm)
             mean, std = agent.inference(batch.window[chosen])

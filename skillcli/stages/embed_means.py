@@ -1,6 +1,8 @@
-"""The mean latent of each skill, how well the skills are separated, and what each mean does."""
+"""The mean latent of each skill, how well the skills are separated, what each mean does, and the mean of two."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
@@ -9,6 +11,7 @@ from skillcli.envs.tasks import model_fingerprint
 from skillcli.stages.library import fingerprint, open_library
 from skillcli.stages.pretrain import play_held
 from skillcli.store import Artifact, ArtifactId, Draft, Store
+from skillcli.trajectories import Array, Trajectories
 
 
 def inputs_of(source: Artifact) -> str:
@@ -17,7 +20,9 @@ def inputs_of(source: Artifact) -> str:
 
 
 def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | None = None) -> Artifact:
-    """Play the mean latent of each skill of a pretrain artifact and write an embed-means artifact.
+    """Play the mean latent of each skill of a pretrain artifact, and the mean of neighbouring ones; write embed-means.
+
+    Neighbours are those with no other skill's goal between them. The first K trajectories are those of the skills.
 
     Raises:
         StoreError: the source cannot be read, or the store refuses.
@@ -26,7 +31,11 @@ def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | N
     library = open_library(store, source)
     mean, std, recipe = library.mean, library.std, library.recipe
     skills = np.arange(len(mean))
-    recording, _ = play_held(recipe, library.agent, mean, skills, skills)
+    pairs = np.array(metrics.neighbours(library.goals), dtype=int).reshape(-1, 2)
+    latent = np.concatenate([mean, mean[pairs].mean(axis=1)])
+    target = np.concatenate([library.goals, library.goals[pairs].mean(axis=1)])
+    fed = np.concatenate([skills, np.full(len(pairs), -1)])
+    recording = play_held(recipe, library.agent, latent, target, fed)[0]
     distance = metrics.final_distance(recording)
     return store.write(
         Draft(
@@ -42,6 +51,7 @@ def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | N
                 "embedding/latent_distance": metrics.pairwise_distance(mean),
                 "embedding/goal_distance": metrics.pairwise_distance(library.goals),
                 "skills/goal": library.goals,
+                "halfway/pair": pairs,
                 **{f"trajectories/{field}": array for field, array in recording.arrays().items()},
             },
             results={
@@ -54,6 +64,7 @@ def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | N
                     }
                     for k, skill in enumerate(library.names)
                 ],
+                "halfway": _halfway(library.names, pairs, recording.select(slice(len(mean), None))),
                 "latent_goal_correlation": metrics.distance_correlation(mean, library.goals),
                 "efficiency": metrics.embedding_efficiency(mean, std),
                 "inference_accuracy": source.results["embedding"]["inference_accuracy"],
@@ -64,3 +75,23 @@ def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | N
             inputs_sha256=inputs_of(source),
         )
     )
+
+
+def _halfway(names: tuple[str, ...], pairs: Array, recording: Trajectories) -> list[dict[str, Any]]:
+    """What the mean of two neighbouring latents does, against going half-way between the two goals."""
+    episodes = np.arange(recording.episodes)
+    start, end = recording.judged[:, 0], recording.judged[episodes, recording.length]
+    moved, wanted = end - start, recording.target - start
+    distance = metrics.final_distance(recording)
+    lengths = np.linalg.norm(moved, axis=1), np.linalg.norm(wanted, axis=1)
+    return [
+        {
+            "from": names[a],
+            "to": names[b],
+            "final_distance_m": float(distance[i]),
+            "moved_m": moved[i].tolist(),
+            "direction_error_deg": metrics.angle_deg(moved[i], wanted[i]),
+            "magnitude_ratio": float(lengths[0][i] / lengths[1][i]) if lengths[1][i] > 0 else None,
+        }
+        for i, (a, b) in enumerate(pairs)
+    ]

@@ -16,7 +16,14 @@ from skillcli.recipe import Recipe, resolve
 from skillcli.store import Artifact, ArtifactId, Store
 from skillcli.trajectories import Array
 
-TRAINED = ("task", "embedding", "network", "training", "evaluation")  # recipe sections that a training depends on
+TRAINED = (
+    "task",
+    "embedding",
+    "network",
+    "training",
+    "randomisation",
+    "evaluation",
+)  # recipe sections that a training depends on
 
 
 @dataclass(frozen=True)
@@ -52,7 +59,8 @@ def open_library(store: Store, artifact: Artifact) -> Library:
     weights = source.group("weights")
     observation = weights["normalizer.mean"].shape[0]
     action = weights["policy.log_std"].shape[0]
-    agent = Agent(recipe, observation, action, source.arrays["skills/goal"])
+    privileged = weights["privileged_normalizer.mean"].shape[0] if "privileged_normalizer.mean" in weights else 0
+    agent = Agent(recipe, observation, action, source.arrays["skills/goal"], privileged=privileged)
     agent.load(weights)
     arrays = source.arrays
     return Library(source, recipe, agent, arrays["embedding/mean"], arrays["embedding/std"], arrays["skills/goal"])

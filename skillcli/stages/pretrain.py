@@ -77,7 +77,8 @@ def pretrain(
     store.check_writable(name)
     checkpoint = store.checkpoint_path(name, "pretrain", inputs_of(recipe, seed))
     with stoppable() as stop:
-        env = make(recipe.task, recipe.training.simulations, threads)
+        randomised = recipe.randomisation.always | recipe.randomisation.late
+        env = make(recipe.task, recipe.training.simulations, threads, delay="latency" in randomised)
         learner, bare = Learner(env, recipe, seed), BareEngine(env)
         spent = 0.0
         if resume and checkpoint.exists():
@@ -145,7 +146,8 @@ def evaluate(recipe: Recipe, agent: Agent, seed: int, threads: int = 0) -> Evalu
     latent = mean[:, None] + std[:, None] * noise
     skill = np.repeat(np.arange(skills), samples)
     fed = np.where(np.arange(skills * samples) % samples == 0, skill, -1)  # -1: not the mean of any skill
-    recording, observation = play_held(recipe, agent, latent.reshape(-1, mean.shape[1]), skill, fed, threads)
+    goals = skill_goals(recipe.task)
+    recording, observation = play_held(recipe, agent, latent.reshape(-1, mean.shape[1]), goals[skill], fed, threads)
     window = np.arange(observation.shape[1] - agent.window, observation.shape[1]).clip(min=0)  # padded as in training
     kept = [k * samples + m for k in range(skills) for m in range(min(samples, 1 + recipe.evaluation.stored))]
     shape = (skills, samples)
@@ -159,18 +161,19 @@ def evaluate(recipe: Recipe, agent: Agent, seed: int, threads: int = 0) -> Evalu
 
 
 def play_held(
-    recipe: Recipe, agent: Agent, latent: Array, skill: Array, fed: Array, threads: int = 0
+    recipe: Recipe, agent: Agent, latent: Array, target: Array, fed: Array, threads: int = 0
 ) -> tuple[Trajectories, Array]:
-    """From the start, hold one latent (E, d) per episode to the end, judged by the goal of its skill (E,).
+    """From the start, hold one latent (E, d) per episode to the end, judged by its target (E, 3) m.
 
     Returns:
         The recording, with `fed` (E,) as its skills, and the observations (E, T+1, o).
     """
     recordings, observations = [], []
-    for first in range(0, len(skill), MAX_SIMULATIONS):
+    for first in range(0, len(fed), MAX_SIMULATIONS):
         part = slice(first, first + MAX_SIMULATIONS)
-        env = make(recipe.task, len(skill[part]), threads)
-        env.reset(np.arange(env.num), skill[part])
+        env = make(recipe.task, len(fed[part]), threads)
+        env.reset(np.arange(env.num), np.zeros(env.num, dtype=np.int64))
+        env.target[:] = target[part]
         held = np.repeat(latent[part][:, None], env.horizon, axis=1)
         recording, observation = play(env, agent.act, held, np.repeat(fed[part][:, None], env.horizon, axis=1))
         recordings.append(recording)

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from skillcli import metrics
-from skillcli.envs.domains import PARAMETERS, Domain, find_domain, sample
+from skillcli.envs.domains import Domain, find_domain
 from skillcli.envs.tasks import MAX_SIMULATIONS, make, model_fingerprint
-from skillcli.learning.playback import play, play_waypoints
+from skillcli.learning.playback import play_waypoints
+from skillcli.perturbation import PARAMETERS, sample
 from skillcli.recipe import Recipe
 from skillcli.seeding import generator
 from skillcli.stages.library import Library, fingerprint, open_library
@@ -22,29 +23,34 @@ from skillcli.trajectories import Array, Trajectories
 
 @dataclass(frozen=True)
 class Script:
-    """What is fed to each episode: a composed plan, the same for all, or each skill's mean in turn."""
+    """What is fed to each episode: the routes of a composed plan in turn, or each skill's mean in turn."""
 
     latent: Array  # (E, T, d)
     skill: Array  # (E, T)
-    start_skill: Array  # (E,) whose goal is the target, where there are no waypoints
-    waypoints: Array  # (W, 3) m, (0, 3) for bare skills
+    steps: Array  # (E,) control steps of each episode
+    waypoints: tuple[Array, ...]  # (W, 3) m of each episode, the goal alone for bare skills
 
     @staticmethod
-    def of(source: Artifact, library: Library, episodes: int) -> Script:
-        """The script of a compose artifact, or of the skills of any other kind."""
+    def of(source: Artifact, library: Library, episodes: int | None = None) -> Script:
+        """The script of a compose artifact, or of the skills of any other kind; one episode each where no number is given."""
         if source.kind == "compose":
-            trajectory = source.group("trajectories")
-            latent, skill = (np.repeat(trajectory[name], episodes, axis=0) for name in ("latent", "skill"))
-            return Script(latent, skill, np.zeros(episodes, dtype=np.int64), source.arrays["waypoints/target"])
-        turn = np.arange(episodes) % len(library.mean)
-        horizon = library.recipe.task.horizon
-        latent = np.repeat(library.mean[turn][:, None], horizon, axis=1)
-        return Script(latent, np.repeat(turn[:, None], horizon, axis=1), turn, np.zeros((0, 3)))
+            trajectory, route = source.group("trajectories"), source.arrays["waypoints/route"]
+            latents, skills, steps = trajectory["latent"], trajectory["skill"], trajectory["length"]
+            target = source.arrays["waypoints/target"]
+            waypoints = [target[route == index] for index in range(len(latents))]
+        else:
+            horizon = library.recipe.task.horizon
+            latents = np.repeat(library.mean[:, None], horizon, axis=1)
+            skills = np.repeat(np.arange(len(library.mean))[:, None], horizon, axis=1)
+            steps = np.full(len(latents), horizon)
+            waypoints = [goal[None] for goal in library.goals]
+        turn = np.arange(episodes or len(latents)) % len(latents)
+        return Script(latents[turn], skills[turn], steps[turn], tuple(waypoints[index] for index in turn))
 
 
 def inputs_of(source: Artifact, domains: Sequence[str], episodes: int, seed: int) -> str:
     """Fingerprint of everything that the result depends on."""
-    tables = [[name, repr(find_domain(name).parameters)] for name in domains]
+    tables = [[name, str(sorted(find_domain(name).parameters.items()))] for name in domains]
     return fingerprint("transfer-eval", [source.content_sha256, tables, episodes, seed])
 
 
@@ -80,8 +86,8 @@ def transfer_eval(
     store.check_writable(name or source_id.name)
     source = store.read(source_id)
     library = open_library(store, source)
-    distinct = 1 if source.kind == "compose" else len(library.mean)  # the source is deterministic: more would repeat
-    reference, _ = run_on(library, Script.of(source, library, distinct), find_domain("nominal"), seed)
+    # the source is deterministic: one episode of each route or skill says it all
+    reference, _ = run_on(library, Script.of(source, library), find_domain("nominal"), seed)
     recordings: list[Trajectories] = []
     parameters: dict[str, Array] = {}
     for done, target in enumerate(targets):
@@ -115,8 +121,8 @@ def transfer_eval(
 
 def run_on(library: Library, script: Script, domain: Domain, seed: int) -> tuple[Trajectories, dict[str, Array]]:
     """Run a script on robots drawn from a domain; returns the recording and the drawn parameters by name."""
-    episodes = len(script.start_skill)
-    drawn = sample(domain, episodes, generator(seed, f"domain {domain.name}"))
+    episodes = len(script.latent)
+    drawn = sample(domain.parameters, episodes, generator(seed, f"domain {domain.name}"))
     sensors = generator(seed, f"sensors {domain.name}")
     recordings = []
     for first in range(0, episodes, MAX_SIMULATIONS):
@@ -128,14 +134,13 @@ def run_on(library: Library, script: Script, domain: Domain, seed: int) -> tuple
 def _run(
     library: Library, script: Script, part: slice, parameters: dict[str, Array], sensors: np.random.Generator
 ) -> Trajectories:
-    env = make(library.recipe.task, len(script.start_skill[part]), delay="latency" in parameters)
+    waypoints = script.waypoints[part]
+    env = make(library.recipe.task, len(waypoints), delay="latency" in parameters)
     if parameters:
         env.perturb(parameters, sensors)
-    env.reset(np.arange(env.num), script.start_skill[part])
+    env.reset(np.arange(env.num), np.zeros(env.num, dtype=np.int64))
     act, latent, skill = library.agent.act, script.latent[part], script.skill[part]
-    if len(script.waypoints):
-        return play_waypoints(env, act, latent, skill, script.waypoints)
-    return play(env, act, latent, skill)[0]
+    return play_waypoints(env, act, latent, skill, waypoints, script.steps[part])
 
 
 def _results(reference: Trajectories, targets: list[Domain], recordings: list[Trajectories]) -> dict[str, Any]:

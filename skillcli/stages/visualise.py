@@ -23,6 +23,8 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
     library = open_library(store, artifact)
     recording = Trajectories(**artifact.group("trajectories"))
     task = library.recipe.task
+    waypoints, waypoint_route, routes = _waypoints(store, artifact)
+    each = len(recording.length) // max(1, len(artifact.results.get("domains", [])))
     return Scene(
         title=str(artifact.id),
         kind=artifact.kind,
@@ -32,7 +34,9 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
         model=model_of(task),
         skills=library.names,
         goals=library.goals,
-        waypoints=_waypoints(store, artifact),
+        waypoints=waypoints,
+        waypoint_route=waypoint_route,
+        episode_route=np.arange(recording.episodes) % each % routes,
         tolerance=task.tolerance,
         means=library.mean,
         stds=library.std,
@@ -56,12 +60,14 @@ def draw(store: Store, artifact_id: ArtifactId, path: Path) -> None:
     figure(scene_of(store, artifact_id), path)
 
 
-def _waypoints(store: Store, artifact: Artifact) -> Array:
+def _waypoints(store: Store, artifact: Artifact) -> tuple[Array, Array, int]:
+    """Waypoints (W, 3) m of the composition that an artifact is or was made from, their routes (W,), and how many routes."""
     for candidate in (artifact.id, *store.lineage(artifact.id)):
         if candidate.stage == "compose":
-            waypoints: Array = store.read(candidate).arrays["waypoints/target"]
-            return waypoints
-    return np.zeros((0, 3))
+            arrays = store.read(candidate).arrays
+            route = arrays["waypoints/route"]
+            return arrays["waypoints/target"], route, int(route.max()) + 1
+    return np.zeros((0, 3)), np.zeros(0, dtype=int), 1
 
 
 def _labels(artifact: Artifact, skills: tuple[str, ...], recording: Trajectories) -> tuple[str, ...]:
@@ -71,6 +77,11 @@ def _labels(artifact: Artifact, skills: tuple[str, ...], recording: Trajectories
         each = len(index) // len(names)
         return tuple(f"{names[d]} {e % each}" for e, d in enumerate(index))
     if artifact.kind == "compose":
-        return (f"{artifact.results['method']} {artifact.results['task']}",)
+        found = artifact.results
+        routes = [f" {route + 1}" for route in range(found["routes"])] if found["routes"] > 1 else [""]
+        return tuple(f"{found['method']} {found['task']}{route}" for route in routes)
+    if artifact.kind == "embed-means":
+        between = [f"between {pair['from']} and {pair['to']}" for pair in artifact.results["halfway"]]
+        return (*(f"skill {skill}" for skill in skills), *between)
     each = recording.episodes // len(skills)
     return tuple(f"skill {skills[e // each]}" + (f", latent {e % each}" if e % each else "") for e in range(recording.episodes))

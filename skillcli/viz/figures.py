@@ -115,7 +115,7 @@ def _composed(drawn: Figure, scene: Scene) -> None:
     place = grid[0, 1] if len(scene.waypoints) else grid[:, 1]
     panels_space.latents(drawn.add_subplot(place), scene, (0, 1), route=0)
     if len(scene.waypoints):
-        panels_time.closest(drawn.add_subplot(grid[1, 1]), scene, 0)
+        panels_time.closest(drawn.add_subplot(grid[1, 1]), scene)
     _head(drawn, scene)
     _skill_legend(drawn, scene, panels_space.fed_skills(scene))
 

@@ -112,15 +112,15 @@ def due(moved: Array, waypoints: Array, tolerance: float) -> Array:
     return counts
 
 
-def _judged(scene: Scene, episode: int) -> tuple[Array, Array, Array]:
-    """Path, waypoints and target in the coordinates that are judged: a box in the table plane, all else in space."""
-    axes = 2 if scene.trajectories.object_pose is not None else 3
-    return path(scene, episode)[:, :axes], scene.waypoints[:, :axes], scene.trajectories.target[episode, :axes]
+def due_in(scene: Scene, episode: int) -> Array:
+    """The waypoints that an episode had to reach, in order, (W, 3) m."""
+    found: Array = scene.waypoints[scene.waypoint_route == scene.episode_route[episode]]
+    return found
 
 
 def distance(scene: Scene, episode: int) -> Array:
     """Distance to the waypoint that is due, or without waypoints to the target, (length+1,) m."""
-    moved, waypoints, target = _judged(scene, episode)
+    moved, waypoints, target = path(scene, episode), due_in(scene, episode), scene.trajectories.target[episode]
     if len(waypoints):
         order = due(moved, waypoints, scene.tolerance)[:-1]
         target = waypoints[np.minimum(order, len(waypoints) - 1)]
@@ -130,13 +130,12 @@ def distance(scene: Scene, episode: int) -> Array:
 
 def closest(scene: Scene, episode: int) -> Array:
     """Closest approach to each waypoint in its turn, (W,) m: the figure that the composition itself reports."""
-    moved, waypoints, _ = _judged(scene, episode)
-    return ordered_approach(moved, waypoints, scene.tolerance)
+    return ordered_approach(path(scene, episode), due_in(scene, episode), scene.tolerance)
 
 
 def reached(scene: Scene, episode: int) -> Array:
     """Share of the waypoints passed so far, or without them whether the target is within tolerance, (length+1,)."""
-    moved, waypoints, _ = _judged(scene, episode)
+    moved, waypoints = path(scene, episode), due_in(scene, episode)
     if not len(waypoints):
         within: Array = (distance(scene, episode) <= scene.tolerance).astype(float)
         return within

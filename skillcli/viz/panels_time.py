@@ -137,8 +137,9 @@ def due_distance(axes: Axes, scene: Scene, episode: int) -> None:
         return
     axes.set(ylabel=f"distance [{name}]", title="distance to the due waypoint (dashed: tolerance)")
     share = motion.reached(scene, episode)
-    for order in range(len(scene.waypoints)):
-        hits = np.flatnonzero(share >= (order + 1) / len(scene.waypoints) - 1e-9)
+    count = len(motion.due_in(scene, episode))
+    for order in range(count):
+        hits = np.flatnonzero(share >= (order + 1) / count - 1e-9)
         if len(hits):
             axes.annotate(
                 f"{order + 1}",
@@ -152,10 +153,10 @@ def due_distance(axes: Axes, scene: Scene, episode: int) -> None:
             )
 
 
-def closest(axes: Axes, scene: Scene, episode: int) -> None:
-    """How near each waypoint was passed while it was due."""
+def closest(axes: Axes, scene: Scene) -> None:
+    """How near each waypoint was passed while it was due, every route's one after the other."""
     scale, name = unit(scene)
-    gaps = scale * motion.closest(scene, episode)
+    gaps = scale * np.concatenate([motion.closest(scene, episode) for episode in range(scene.trajectories.episodes)])
     order = np.arange(1, len(gaps) + 1)
     axes.vlines(order, 0, gaps, color=TARGET, lw=1.2)
     axes.plot(order, gaps, ls="none", marker="o", color=TARGET, ms=4.5)

@@ -27,6 +27,8 @@ class Scene:
     skills: tuple[str, ...]  # (K,) names
     goals: Array  # (K, 3) m, the trained goals
     waypoints: Array  # (W, 3) m, what a composition had to reach, in order
+    waypoint_route: Array  # (W,) which of the composition's routes each belongs to
+    episode_route: Array  # (E,) which of them each episode ran
     tolerance: float  # m, success radius
     means: Array  # (K, d) of the skills' latents
     stds: Array  # (K, d)
@@ -38,6 +40,8 @@ class Scene:
         """Refuse labels and skills that do not match the arrays they name."""
         counts = {
             "episode_labels": (len(self.episode_labels), self.trajectories.episodes),
+            "waypoint_route": (len(self.waypoint_route), len(self.waypoints)),
+            "episode_route": (len(self.episode_route), self.trajectories.episodes),
             "goals": (len(self.goals), len(self.skills)),
             "means": (len(self.means), len(self.skills)),
             "stds": (len(self.stds), len(self.skills)),

@@ -48,7 +48,7 @@ BOX = """
 """
 
 REACH_GOALS = np.array([(x, y, z) for x in (0.5, 0.7) for z in (0.15, 0.3) for y in (0.3, -0.3)])
-PUSH_GOALS = np.array([(0.75, 0, 0.02), (0.45, 0, 0.02), (0.6, 0.15, 0.02), (0.6, -0.15, 0.02)])
+PUSH_GOALS = np.array([(0.75, 0, 0.0), (0.45, 0, 0.0), (0.6, 0.15, 0.0), (0.6, -0.15, 0.0)])
 POINT_GOALS = np.array([(0.0, 3.0, 0.0), (3.0, 0.0, 0.0), (0.0, -3.0, 0.0), (-3.0, 0.0, 0.0)])
 TRIANGLE = np.array([(0.6, 0.3, 0.15), (0.6, -0.3, 0.15), (0.6, 0.0, 0.3), (0.6, 0.3, 0.15)])
 POINT_SQUARE = np.array([(2.0, 2.0, 0.0), (-2.0, 2.0, 0.0)])
@@ -111,7 +111,7 @@ def _plan(kind: str, task: str, sampled: int) -> tuple[list[list[tuple[Array, Ar
                 runs.append([(goals[k], rng.normal(means[k], stds[k]), -1)])
                 labels.append(f"skill {k + 1}, latent {i + 1}")
         return runs, labels, np.zeros((0, 3))
-    waypoints = {"reach": TRIANGLE, "point": POINT_SQUARE, "push": np.array([(0.4, 0.1, 0.02)])}[task]
+    waypoints = {"reach": TRIANGLE, "point": POINT_SQUARE, "push": np.array([(0.4, 0.1, 0.0)])}[task]
     legs = []
     for point in waypoints:
         near = np.argsort(np.linalg.norm(goals - point, axis=-1))[:2]
@@ -162,6 +162,8 @@ def make(kind: str, task: str, *, sampled: int = 2, model: Any = None, skills: t
         skills=skills,
         goals=GOALS[task],
         waypoints=waypoints,
+        waypoint_route=np.zeros(len(waypoints), dtype=int),
+        episode_route=np.zeros(len(labels), dtype=int),
         tolerance=TOLERANCE[task],
         means=means,
         stds=stds,

@@ -1,0 +1,157 @@
+"""The push task: the Sawyer's finger pushes a box over the table, with real contact and friction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+
+from skillcli.envs import sawyer
+from skillcli.envs.arm_environment import ArmEnvironment
+from skillcli.envs.environment import Array
+from skillcli.recipe import PushTask
+
+# Contact. The friction cone is elliptic, else friction would depend on the direction of a push; condim 4 adds the torsion
+# that keeps a box from spinning under a finger; impratio makes friction stiffer than the normal force, so that a pushed
+# box does not creep. solref is the shortest time constant that a step of 5 ms carries, and solimp rises to 0.99: a finger
+# that presses the box on the table with all its strength sinks in by less than 1 mm. docs/experiments.md has the study.
+IMPRATIO = 10.0
+SOLREF = (0.01, 1.0)
+SOLIMP = (0.95, 0.99, 0.001, 0.5, 2.0)
+TORSION, ROLLING = 0.005, 1e-4  # m, MuJoCo's own
+
+# The finger should stand this far behind the face that it pushes, m: the radius of its ball, nearly touching.
+CONTACT_GAP = 0.015
+LIFTED = 0.05  # m above its rest: a box that flies
+THROWN = 2.0  # m/s: three times what the fastest push gives it
+
+
+def push_spec(task: PushTask, delay: bool = False) -> mujoco.MjSpec:
+    """The scene of the task: the arm behind its table, and a box that can move freely."""
+    spec = sawyer.arm_spec(task.timestep, delay)
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = IMPRATIO
+    half = np.array(task.box_size) / 2
+    box = spec.worldbody.add_body(name="box", pos=[*task.box_start, sawyer.TABLE_TOP + half[2]])
+    box.add_freejoint(name="box")
+    box.add_geom(
+        name="box",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=half,
+        mass=task.box_mass,
+        rgba=[0.85, 0.55, 0.2, 1],
+        condim=4,
+        priority=2,  # its friction holds against table and finger alike
+        friction=[task.friction, TORSION, ROLLING],
+        solref=SOLREF,
+        solimp=SOLIMP,
+    )
+    return spec
+
+
+def pushing_distance(task: PushTask) -> float:
+    """How far from the centre of the box the finger is that pushes one of its faces, m."""
+    return float(np.mean(task.box_size[:2])) / 2 + CONTACT_GAP
+
+
+class PushEnvironment(ArmEnvironment):
+    """N Sawyer arms with a box each.
+
+    Observed beside the joints: the gripper's position relative to the box, m, as in the paper; where the box is on the table
+    follows from joints and relative position together, where it started does not.
+
+    A goal is a place on the table: the nominal start of the box and the skill's displacement. The judged point is the
+    centre of the box in the plane of the table (z = 0). See `reward` for the shaping and `failed` for lost boxes.
+    """
+
+    # goal, box speed, finger to the point behind the box; friction, mass, stiffness and latency of this robot
+    privileged_size = 11
+
+    def __init__(self, task: PushTask, num: int, threads: int = 0, delay: bool = False) -> None:
+        self._half = np.array(task.box_size) / 2
+        self._pushing_distance = pushing_distance(task)
+        self._box_start = np.array(task.box_start)
+        self._table_height, self._box_offset = np.zeros(num), np.zeros((num, 2))
+        self._robot = np.tile(np.array([1.0, 1.0, 1.0, 0.0]), (num, 1))
+        goals = np.array([[*(self._box_start + goal), 0.0] for goal in task.goals])
+        super().__init__(task, push_spec(task, delay), goals, num, threads)
+
+    def place_object(self, ids: Array) -> Array:
+        """See `ArmEnvironment`; at rest on the table."""
+        pose = np.zeros((len(ids), 7))
+        pose[:, :2] = self._box_start + self._box_offset[ids]
+        pose[:, 2] = sawyer.TABLE_TOP + self._table_height[ids] + self._half[2]
+        pose[:, 3] = 1.0
+        return pose
+
+    def position(self) -> Array:
+        """See `ArmEnvironment`."""
+        return self.arms.gripper_position - self.arms.object_pose[:, :3]
+
+    def judged(self) -> Array:
+        """See `Environment`."""
+        point = self.arms.object_pose[:, :3].copy()
+        point[:, 2] = 0.0
+        return point
+
+    def landmarks(self) -> Array:
+        """See `Environment`; box and gripper."""
+        return np.stack([self.judged(), self.arms.gripper_position], axis=1)
+
+    def behind(self) -> Array:
+        """Where the finger has to be to push the box straight at its goal, (N, 3) m.
+
+        On the far side of the box from the goal, a contact gap outside its face, half-way up the box.
+        """
+        box = self.arms.object_pose
+        gap = self.target[:, :2] - box[:, :2]
+        direction = gap / np.maximum(np.linalg.norm(gap, axis=1, keepdims=True), 1e-6)
+        point: Array = box[:, :3].copy()
+        point[:, :2] -= self._pushing_distance * direction
+        return point
+
+    def reward(self) -> Array:
+        """The shaping, per control step; distances in m.
+
+        - minus 2 times the distance of box and goal: what is asked for
+        - minus 0.5 times the distance of the finger and the point behind the box: leads the finger round the box, since a
+          push from the wrong side makes the first term worse. Fades within 3 cm of the goal, where that point jumps.
+        - plus 0.1 times how far inside 3 cm the box is, from 0 at the rim to 1 at the goal: worth finishing
+        """
+        distance = np.linalg.norm(self.target[:, :2] - self.arms.object_pose[:, :2], axis=1)
+        finger = np.linalg.norm(self.arms.gripper_position - self.behind(), axis=1)
+        near = np.maximum(0.0, 1.0 - distance / 0.03)
+        shaped: Array = -2.0 * distance - 0.5 * finger * (1.0 - near) + 0.1 * near
+        return shaped
+
+    def failed(self) -> Array:
+        """A box that fell off the table, flies or was thrown, or an unstable simulation, (N,) bool."""
+        broken = super().failed()
+        rest = self._table_height + self._half[2]
+        height = self.arms.object_pose[:, 2]
+        speed = np.abs(self.arms.object_velocity[:, :3]).max(axis=1)
+        lost: Array = broken | (height < rest - self._half[2]) | (height > rest + LIFTED) | ~(speed < THROWN)
+        return lost
+
+    def privileged(self) -> Array:
+        """See `Environment`."""
+        box, velocity = self.arms.object_pose, self.arms.object_velocity
+        parts = (
+            self.target[:, :2] - box[:, :2], velocity[:, :2], self.arms.gripper_position - self.behind(), self._robot,
+        )  # fmt: skip
+        return np.concatenate(parts, axis=1, dtype=np.float32, casting="same_kind")
+
+    def perturb(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
+        """See `Environment`."""
+        super().perturb(parameters, rng)
+        one, zero = np.ones(self.num), np.zeros(self.num)
+        self._table_height = parameters.get("table_height", zero)
+        self._box_offset = parameters.get("object_offset", np.zeros((self.num, 2)))
+        gain = parameters.get("gain", np.ones((self.num, 7))).mean(axis=1)
+        friction, mass = parameters.get("contact_friction", one), parameters.get("object_mass", one)
+        self._robot = np.stack([friction, mass, gain, parameters.get("latency", zero) / self.control_period], axis=1)
+
+    def snapshot(self) -> dict[str, Array]:
+        """See `Environment`."""
+        return {**super().snapshot(), "object_pose": self.arms.object_pose.copy()}
