@@ -193,7 +193,7 @@ def _search(library: Library, recipe: Recipe, waypoints: Array, report: Report) 
             step_seconds=period,
             weight=settings.weight,
             max_speed=settings.max_speed,
-            approach_speed=settings.approach_speed,
+            approach_speed=settings.approach_speed if standoff(recipe.task) else 0.0,
             standoff=standoff(recipe.task),
             final_speed=settings.final_speed or float("inf"),
             budget=settings.budget,
