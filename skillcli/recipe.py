@@ -286,6 +286,9 @@ class Transfer(Section):
     episodes: int = value(50, "episodes per domain", "", ge=1, le=10_000)
 
 
+MAX_GRID = 1024  # latents on the grid of a search
+
+
 class Recipe(Section):
     """A whole experiment, from training to transfer."""
 
@@ -300,6 +303,15 @@ class Recipe(Section):
     search: Search = Search()
     compose: Compose = Compose()
     transfer: Transfer = Transfer()
+
+    @model_validator(mode="after")
+    def _grid_of_bounded_size(self) -> Recipe:
+        if self.search.grid**self.embedding.size > MAX_GRID:
+            raise ValueError(
+                f"search.grid of {self.search.grid} gives {self.search.grid**self.embedding.size} latents in"
+                f" {self.embedding.size} dimensions, at most {MAX_GRID} can be offered"
+            )
+        return self
 
     def fingerprint(self, sections: Iterable[str] = ()) -> str:
         """SHA-256 over the resolved values, of the named sections only where some are named."""

@@ -176,7 +176,8 @@ def _head(drawn: Figure, scene: Scene) -> None:
     counted = f"{episodes} episode" + ("s" if episodes != 1 else "")
     if scene.kind in ("pretrain", "embed-means"):
         sampled = episodes - at_means
-        counted = f"{at_means} skills at their mean latents" + (f", {sampled} sampled latents" if sampled else "")
+        others = "sampled latents" if scene.kind == "pretrain" else "means of two neighbours"
+        counted = f"{at_means} skills at their mean latents" + (f", {sampled} {others}" if sampled else "")
     elif scene.kind == "compose" and episodes > 1:
         counted += f", over time: {scene.episode_labels[0]}"
     drawn.suptitle(f"{scene.title}   (n = {counted})", x=0.01, ha="left", fontsize=9.5, fontweight="bold")
@@ -194,6 +195,9 @@ def _skill_legend(drawn: Figure, scene: Scene, skills: range | list[int]) -> Non
         for mark, filling, name in (("o", "white", "start"), ("o", "black", "success"), ("X", "white", "failure")):
             handles.append(Line2D([], [], color="black", ls="none", marker=mark, mfc=filling, ms=4, mew=0.8, label=name))
         handles.append(Line2D([], [], color="black", ls="none", marker="+", ms=6, label="goal of a skill"))
+    if scene.kind == "embed-means" and scene.trajectories.episodes > len(scene.skills):
+        handles.append(Line2D([], [], color="black", ls=":", marker="D", ms=3.5, label="mean of two neighbours"))
+        handles.append(Line2D([], [], color="black", ls="none", marker="x", ms=5, label="half-way between their goals"))
     if scene.trajectories.object_pose is not None and scene.trajectories.gripper_position is not None:
         handles.append(Line2D([], [], color=BETWEEN, lw=0.6, label="gripper"))
     longest = max((len(name) for name in names), default=1)

@@ -19,8 +19,8 @@ _HALO = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.6}
 
 
 def planes(scene: Scene) -> list[Plane]:
-    """The projections that show this task: the point moves in a plane, an arm in space."""
-    return [(0, 1)] if scene.task == "point" else [(0, 1), (0, 2)]
+    """The projections that show this task: point and box move in a plane, a gripper in space."""
+    return [(0, 1), (0, 2)] if scene.task == "reach" else [(0, 1)]
 
 
 def latent_planes(scene: Scene) -> list[Plane]:
@@ -78,6 +78,9 @@ def paths(axes: Axes, scene: Scene, plane: Plane) -> None:
     """Every episode in the look of its skill: mean latents bold, sampled latents thin."""
     bold, data = motion.mean_episodes(scene), scene.trajectories
     rest = [episode for episode in range(data.episodes) if episode not in bold.values()]
+    if scene.kind == "embed-means":
+        _between(axes, scene, plane, rest)
+        rest = []
     # one collection: hundreds of lines of their own take seconds to lay out
     ways = [motion.path(scene, episode)[:, plane] for episode in rest]
     colors = [look(motion.episode_skill(scene, episode)).color for episode in rest]
@@ -92,6 +95,16 @@ def paths(axes: Axes, scene: Scene, plane: Plane) -> None:
     _frame(axes, scene, plane)
     judged = "point" if scene.task == "point" else "gripper" if data.object_pose is None else "box"
     axes.set_title(f"{judged} paths from above" if plane == (0, 1) else "from the side")
+
+
+def _between(axes: Axes, scene: Scene, plane: Plane, episodes: list[int]) -> None:
+    """Where the means of neighbouring skills lead, a thin line from each end to half-way between the two goals."""
+    for episode in episodes:
+        moved, wanted = motion.path(scene, episode)[:, plane], scene.trajectories.target[episode, list(plane)]
+        axes.plot(*moved.T, color=TARGET, ls=(0, (1, 1)), lw=1.1, zorder=3)
+        axes.plot(*moved[-1], color=TARGET, marker="D", ms=3.5, zorder=4)
+        axes.plot(*wanted, color=TARGET, marker="x", ms=5, zorder=4)
+        axes.plot(*np.stack([moved[-1], wanted]).T, color=TARGET, lw=0.4, zorder=2)
 
 
 def goals(axes: Axes, scene: Scene, plane: Plane) -> None:
@@ -151,7 +164,7 @@ def coincident(spots: Array, within: float) -> list[list[int]]:
 
 def executed(axes: Axes, scene: Scene, plane: Plane, episodes: list[int]) -> None:
     """Executed paths, each piece in the look of the skill that was fed, whose goal is a cross; a single one bold."""
-    single = len(episodes) == 1
+    single = scene.kind == "compose"
     for skill in fed_skills(scene):
         if skill >= 0:
             axes.plot(*scene.goals[skill, list(plane)], color=look(skill).color, marker="+", ms=6, mew=1.2, zorder=2)

@@ -64,7 +64,8 @@ def distances(axes: Axes, scene: Scene) -> None:
     """Distance to the goal over time: each skill at its mean, and the 10-90 % band over sampled latents."""
     at_means = motion.mean_episodes(scene)
     sampled: dict[int, list[int]] = {}
-    for episode in set(range(scene.trajectories.episodes)) - set(at_means.values()):
+    others = set(range(scene.trajectories.episodes)) - set(at_means.values()) if scene.kind == "pretrain" else ()
+    for episode in others:  # beside means, embed-means holds latents between skills, which have no goal of their own
         sampled.setdefault(motion.episode_skill(scene, episode), []).append(episode)
     shortest = int(scene.trajectories.length.min()) + 1
     scale, name = unit(scene)
