@@ -116,7 +116,7 @@ class PushTask(ArmTask):
     horizon: int = value(80, "control steps in an episode", "steps", ge=2, le=10_000)
     start: Joints = value(
         (-0.297, -1.0105, 0.0752, 1.6086, -0.0483, 0.9745, 3.016),
-        "joint vector at reset: gripper 14 cm above the table over (.6, 0)", "rad",
+        "joint vector at reset: gripper 14 cm above the table at (.65, 0)", "rad",
     )  # fmt: skip
     box_start: tuple[float, float] = value((0.6, 0.0), "nominal start of the box on the table", "m")
     box_size: Vector3 = value((0.06, 0.06, 0.06), "full edges of the box", "m")

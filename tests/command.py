@@ -19,6 +19,17 @@ TINY = (
 )  # fmt: skip
 TINY_SET = tuple(word for setting in TINY for word in ("--set", setting))
 
+# The same with a box, on robots that differ.
+TINY_PUSH = (
+    *TINY, "task.horizon=24", "randomisation.dynamics.gain={uniform=[0.9, 1.1]}",
+    "randomisation.starts.object_offset={uniform=[-0.05, 0.05]}", "randomisation.sensing.latency={one_of=[0.0, 0.05]}",
+    "randomisation.starts_span=[0, 0]", "randomisation.sensing_span=[0.5, 0.5]",
+)  # fmt: skip
+TINY_PUSH_SET = tuple(word for setting in TINY_PUSH for word in ("--set", setting))
+
+# Displacements of the box: where it is already; past two places to where it never gets; straight on.
+PLACES = (((0.0, 0.0),), ((0.01, 0.0), (0.0, 0.02), (0.2, 0.0)), ((0.1, 0.1),))
+
 
 class Result(NamedTuple):
     code: int

@@ -1,11 +1,17 @@
-"""One tiny chain on the Sawyer, trained once and read by all tests that need artifacts."""
+"""Two tiny chains on the Sawyer, each trained once and read by all tests that need artifacts."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
-from command import TINY_SET, skill
+from command import PLACES, TINY_PUSH, TINY_PUSH_SET, TINY_SET, made, skill
+
+from skillcli.envs.tasks import goal_place
+from skillcli.recipe import load_recipe
+from skillcli.stages.compose import Request, compose
+from skillcli.store import ArtifactId, Store
 
 
 @pytest.fixture(scope="session")
@@ -15,3 +21,18 @@ def chain(tmp_path_factory: pytest.TempPathFactory) -> Path:
     result = skill("--store", store, "run", "smoke", "--name", "tiny", *TINY_SET)
     assert result.code == 0, result.err
     return store
+
+
+@pytest.fixture(scope="session")
+def push_chain(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A store with pushed/pretrain-v1 and so on, composed of the routes of `PLACES`; tests must not change it."""
+    folder = tmp_path_factory.mktemp("push_chain") / "artifacts"
+    made("--store", folder, "pretrain", "push", "--name", "pushed", *TINY_PUSH_SET)
+    made("--store", folder, "embed-means", "pushed/pretrain")
+    store, recipe = Store(folder), load_recipe("push", TINY_PUSH)
+    routes = tuple(np.array([goal_place(recipe.task, goal) for goal in route]) for route in PLACES)
+    compose(store, ArtifactId("pushed", "embed-means", 1), recipe, Request("places", routes), "search", "test")
+    made(
+        "--store", folder, "transfer-eval", "pushed/compose", "--domain", "nominal", "--domain", "real-like", "--episodes", "7"
+    )
+    return folder

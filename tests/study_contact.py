@@ -1,6 +1,6 @@
 """How much the end of a stored push depends on the time step, and how deep bodies sink into each other.
 
-    python -m tests.study_contact [ID]
+    python -m tests.study_contact [ID [STORE]]
 
 The actions of every stored trajectory of a push library are sent again, open loop, at the recipe's time step, at half and
 at a quarter of it.
@@ -47,7 +47,7 @@ def penetration(model: mujoco.MjModel, joint_position: Array, object_pose: Array
 
 def main() -> None:
     """Measure and print."""
-    store = Store(Path("artifacts"))
+    store = Store(Path(sys.argv[2] if len(sys.argv) > 2 else "artifacts"))
     artifact = store.read(store.resolve(sys.argv[1] if len(sys.argv) > 1 else "reference-push/pretrain"))
     task = resolve(artifact.recipe).task
     assert isinstance(task, PushTask)

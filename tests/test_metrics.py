@@ -71,6 +71,40 @@ def test_efficiency_is_undefined_where_the_means_span_no_volume(mean: list[list[
     assert metrics.embedding_efficiency(np.array(mean, dtype=float), np.full((len(mean), 2), 0.1)) is None
 
 
+BOX = np.array([[x, y, z] for x in (0.5, 0.7) for y in (-0.3, 0.3) for z in (0.15, 0.3)])
+
+
+def test_neighbours_on_a_box_share_an_edge() -> None:
+    edges = [(a, b) for a in range(8) for b in range(a + 1, 8) if (BOX[a] != BOX[b]).sum() == 1]
+    assert metrics.neighbours(BOX) == edges and len(edges) == 12
+
+
+def test_neighbours_around_a_centre_are_the_sides_and_not_the_diagonals() -> None:
+    around = np.array([[0.15, 0, 0], [-0.15, 0, 0], [0, 0.15, 0], [0, -0.15, 0]])
+    assert metrics.neighbours(around) == [(0, 2), (0, 3), (1, 2), (1, 3)]
+    assert metrics.neighbours(around + 0.6) == metrics.neighbours(7 * around) == metrics.neighbours(around)
+    with_centre = np.concatenate([around, np.zeros((1, 3))])
+    assert [pair for pair in metrics.neighbours(with_centre) if 4 in pair] == [(0, 4), (1, 4), (2, 4), (3, 4)]
+
+
+def test_neighbours_on_a_line_have_nobody_between_them() -> None:
+    line = np.array([[0.0, 0, 0], [3, 0, 0], [1, 0, 0]])
+    assert metrics.neighbours(line) == [(0, 2), (1, 2)]
+    assert metrics.neighbours(line[:1]) == [] and metrics.neighbours(line[:2]) == [(0, 1)]
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "expected"),
+    [
+        ([1, 0, 0], [5, 0, 0], 0), ([1, 0, 0], [0, 2, 0], 90), ([1, 1, 0], [1, 0, 0], 45), ([1, 0, 0], [-3, 0, 0], 180),
+        ([0.1, 0.2, 0.3], [0.2, 0.4, 0.6], 0), ([0, 0, 0], [1, 0, 0], None),
+    ],
+)  # fmt: skip
+def test_the_angle_between_two_vectors(a: list[float], b: list[float], expected: float | None) -> None:
+    for first, second in ((a, b), (b, a)):
+        assert metrics.angle_deg(np.array(first), np.array(second)) == pytest.approx(expected, abs=1e-5)
+
+
 def test_correlation_of_distances() -> None:
     goals = np.array([[0.0, 0, 0], [1, 0, 0], [0, 3, 0], [2, 2, 2]])
     assert metrics.distance_correlation(0.3 * goals + 7, goals) == pytest.approx(1)

@@ -3,6 +3,7 @@ from pathlib import Path
 import pytest
 
 from skillcli.errors import UsageError
+from skillcli.perturbation import log_uniform, one_of, uniform
 from skillcli.recipe import Recipe, describe, load_recipe, recipe_names, resolve
 
 MINIMAL = {"name": "mine", "task": {"name": "reach"}}
@@ -25,16 +26,17 @@ def test_every_shipped_recipe_loads_under_its_name_and_says_what_it_is_for(name:
 
 
 def test_the_promised_recipes_are_shipped() -> None:
-    assert {"point", "reach", "reach-single-start", "smoke"} <= set(recipe_names())
+    assert {"point", "reach", "reach-single-start", "push", "push-single-start", "push-robust", "smoke"} <= set(recipe_names())
 
 
 PHYSICAL = {
     "goals", "tolerance", "horizon", "step_limit", "bound", "start", "action_limit", "control_period", "timestep", "window",
-    "segments", "resolution", "goal_tolerance", "max_speed", "final_speed", "discount", "target_kl",
+    "segments", "resolution", "goal_tolerance", "max_speed", "approach_speed", "final_speed", "discount", "target_kl",
+    "box_start", "box_size", "box_mass",
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("task", ["point", "reach"])
+@pytest.mark.parametrize("task", ["point", "reach", "push"])
 def test_every_value_is_described_and_physical_ones_have_a_unit(task: str) -> None:
     rows = describe(resolve({"name": "mine", "task": {"name": task}}))
     assert len(rows) > 40
@@ -63,6 +65,7 @@ def test_overrides_reach_nested_keys_lists_and_bare_words() -> None:
 
 def test_another_task_brings_its_own_defaults() -> None:
     assert load_recipe("point", ["task.name=reach"]).task == load_recipe("reach").task
+    assert load_recipe("reach", ["task.name=push"]).task == load_recipe("push").task
 
 
 @pytest.mark.parametrize(
@@ -95,6 +98,90 @@ def test_what_cannot_be_meant_is_refused_with_its_key(override: str, said: str, 
     error = refused("reach", override)
     assert said in error.message, error.message
     assert hint in error.hint, error.hint
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("task.goals=[[0.1,0,0]]", "'task.goals.0'"),
+        ("task.goals=[[0.1,0],[0.1,0],[0,0.1],[0,-0.1]]", "two skills have the same goal"),
+        ('task.names=["up"]', "4 goals need as many different names"),
+        ("task.box_size=[0.06,0.06]", "'task.box_size.2' is missing"),
+        ("task.box_size=[0.06,0.005,0.06]", "between 0.01 and 0.3 m"),
+        ("task.box_size=[0.06,0.06,0.31]", "between 0.01 and 0.3 m"),
+        ("task.box_mass=0", "greater than 0"),
+        ("task.box_mass=5.1", "less than or equal to 5"),
+        ("task.friction=-0.6", "greater than 0"),
+        ("task.box_start=[0.6,nan]", "finite number"),
+        ("task.timestep=0.003", "whole number of timesteps"),
+        ("task.bound=3", "unknown recipe key 'task.bound'"),
+    ],
+)
+def test_a_push_that_cannot_be_meant_is_refused_with_its_key(override: str, said: str) -> None:
+    error = refused("push", override)
+    assert said in error.message, error.message
+
+
+def test_other_goals_need_other_names_and_none_at_all_are_fine() -> None:
+    task = load_recipe("push", ["task.goals=[[0.1, 0], [0, 0.1]]", "task.names=[]"]).task
+    assert task.goals == ((0.1, 0), (0, 0.1)) and task.names == ()
+
+
+@pytest.mark.parametrize(
+    ("overrides", "said", "hint"),
+    [
+        (("dynamics.gain=1.1", "sensing.gain=1.2"), "gain is named more than once", ""),
+        (("starts.gain=1.1", "dynamics.gain=1.1"), "gain is named more than once", ""),
+        (("dynamics.wind=1.0",), "no parameter 'wind'", ""),
+        (("sensing.wind=1.0",), "'randomisation.sensing'", ""),
+        (("starts_span=[0.8, 0.7]",), "two shares of the training in order", ""),
+        (("sensing_span=[-0.1, 0.5]",), "between 0 and 1, got [-0.1, 0.5]", ""),
+        (("starts_span=[0.5, 1.1]",), "between 0 and 1", ""),
+        (("starts_span=0.5",), "'randomisation.starts_span'", ""),
+        (("dynamics.gain={uniform=[-0.1, 1]}",), "gain must not be negative, got -0.1", ""),
+        (("sensing.latency=0.2",), "latency must be at most 0.155 s", ""),
+        (("sensing.latency=many",), "'randomisation.sensing.latency'", ""),
+        (("dynamics.gain={uniform=[1.2, 0.8]}",), "low <= high", ""),
+        (("sometimes.gain=1.1",), "unknown recipe key 'randomisation.sometimes'", "dynamics, sensing"),
+    ],
+)
+def test_a_randomisation_that_cannot_be_meant_is_refused_with_its_key(overrides: tuple[str, ...], said: str, hint: str) -> None:
+    error = refused("push", *(f"randomisation.{override}" for override in overrides))
+    assert "randomisation" in error.message and said in error.message, error.message
+    assert hint in error.hint, error.hint
+
+
+def test_randomisation_is_read_from_a_file_and_replaced_one_by_one(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        'name = "mine"\n[task]\nname = "push"\n'
+        "[randomisation.dynamics]\ngain = { uniform = [0.7, 1.3] }\n"
+        "[randomisation.starts]\nobject_offset = { uniform = [-0.1, 0.1] }\n"
+        "[randomisation.sensing]\nlatency = { one_of = [0.0, 0.05] }\njoint_noise = 0.005\n"
+    )
+    change = "randomisation.sensing.joint_noise={uniform=[0.0, 0.01]}"
+    found = load_recipe(str(path), ["randomisation.dynamics.gain=1.0", change])
+    assert found.randomisation.dynamics == {"gain": one_of(1.0)}
+    assert found.randomisation.starts == {"object_offset": uniform(-0.1, 0.1)}
+    assert found.randomisation.sensing == {"latency": one_of(0.0, 0.05), "joint_noise": uniform(0.0, 0.01)}
+    assert found.randomisation.ranges.keys() == {"gain", "object_offset", "latency", "joint_noise"}
+    assert resolve(found.model_dump(mode="json")) == found
+
+
+def test_a_range_can_be_replaced_by_one_of_another_kind() -> None:
+    ranges = load_recipe("push-robust", ["randomisation.dynamics.gain={log_uniform=[0.5, 2.0]}"]).randomisation.ranges
+    assert ranges["gain"] == log_uniform(0.5, 2.0)
+    stored = load_recipe("push-robust").model_dump(mode="json")
+    assert resolve(stored, ["randomisation.dynamics.gain={one_of=[1.0, 1.1]}"]).randomisation.ranges["gain"] == one_of(1, 1.1)
+
+
+def test_nothing_is_randomised_unless_asked() -> None:
+    for task in ("point", "reach", "push"):
+        assert resolve({"name": "mine", "task": {"name": task}}).randomisation.ranges == {}
+    assert load_recipe("push-single-start").randomisation.ranges == {}
+    assert load_recipe("push").randomisation.ranges.keys() == {"start_offset", "object_offset"}, "random starts alone"
+    robust = load_recipe("push-robust").randomisation
+    assert robust.dynamics and robust.starts and robust.sensing, "what a training must be robust against"
 
 
 def test_an_unknown_recipe_names_those_there_are(tmp_path: Path) -> None:
@@ -143,3 +230,6 @@ def test_the_fingerprint_follows_values_in_the_named_sections_only() -> None:
     assert len({one.fingerprint() for one in (base, other_search, other_training)}) == 3
     assert base.fingerprint(["training", "task"]) == other_search.fingerprint(["training", "task"])
     assert base.fingerprint(["training"]) != other_training.fingerprint(["training"])
+    randomised = of("randomisation.dynamics.gain=1.1")
+    assert base.fingerprint(["randomisation"]) != randomised.fingerprint(["randomisation"])
+    assert base.fingerprint(["training", "task"]) == randomised.fingerprint(["training", "task"])

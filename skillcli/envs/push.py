@@ -9,16 +9,18 @@ import numpy as np
 
 from skillcli.envs import sawyer
 from skillcli.envs.arm_environment import ArmEnvironment
-from skillcli.envs.arms import OBJECT
+from skillcli.envs.arms import FINGER, OBJECT
 from skillcli.envs.environment import Array
 from skillcli.recipe import PushTask
 
 # Contact. The friction cone is elliptic, else friction would depend on the direction of a push; condim 4 adds the torsion
 # that keeps a box from spinning under a finger; impratio makes friction stiffer than the normal force, so that a pushed
-# box does not creep. Impedance rises from nothing over the first 3 mm: where a box goes then does not hang on the instant
-# of a touch, and halving the time step moves the end of a push by 1 mm instead of 12. docs/experiments.md has the study.
+# box does not creep. Impedance rises from nothing over the first millimetres: where a box goes then hangs less on the instant
+# of a touch. Table softer than finger is what keeps both the overlap below 3 mm and the outcome steady when the time step is
+# halved; docs/experiments.md has the study.
 IMPRATIO = 10.0
-SOLREF, SOLIMP = (0.015, 1.0), (0.0, 0.99, 0.003, 0.5, 1.0)
+TABLE_SOLREF, TABLE_SOLIMP = (0.015, 1.0), (0.0, 0.998, 0.003, 0.5, 1.0)
+FINGER_SOLREF, FINGER_SOLIMP = (0.0125, 1.0), (0.0, 0.998, 0.002, 0.5, 1.0)
 TORSION, ROLLING = 0.005, 1e-4  # m, MuJoCo's own
 
 # The finger should stand this far behind the face that it pushes, m: the radius of its ball, nearly touching.
@@ -43,11 +45,15 @@ def push_spec(task: PushTask, delay: bool = False) -> mujoco.MjSpec:
         mass=task.box_mass,
         rgba=[0.85, 0.55, 0.2, 1],
         condim=4,
-        priority=2,  # what it says holds against table and finger alike
+        priority=2,  # what it says holds against the table
         friction=[task.friction, TORSION, ROLLING],
-        solref=SOLREF,
-        solimp=SOLIMP,
+        solref=TABLE_SOLREF,
+        solimp=TABLE_SOLIMP,
     )
+    for name in FINGER:
+        finger = spec.geom(name)
+        finger.priority, finger.condim = 3, 4  # and this against the box
+        finger.friction, finger.solref, finger.solimp = [task.friction, TORSION, ROLLING], FINGER_SOLREF, FINGER_SOLIMP
     return spec
 
 

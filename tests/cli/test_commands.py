@@ -207,7 +207,7 @@ def test_what_is_available_is_listed() -> None:
     shown = made("recipes", "show", "reach", "--set", "training.iterations=7")
     assert shown["recipe"]["training"]["iterations"] == 7 and len(shown["sha256"]) == 64
     assert {task["name"] for task in made("tasks")["tasks"]} == set(DESCRIPTIONS)
-    assert [domain["name"] for domain in made("domains")["domains"]] == ["nominal", "mild", "real-like"]
+    assert [domain["name"] for domain in made("domains")["domains"]] == ["nominal", "random-starts", "mild", "real-like"]
     for words in (["recipes"], ["recipes", "show", "reach"], ["tasks"], ["domains"]):
         assert "reach" in skill(*words).out or words == ["domains"]
 

@@ -10,7 +10,7 @@ import pytest
 
 from skillcli.composition.latent_environment import LatentEnvironment
 from skillcli.envs.tasks import make
-from skillcli.recipe import ReachTask
+from skillcli.recipe import PushTask, ReachTask
 from skillcli.trajectories import Array
 
 
@@ -21,8 +21,8 @@ class Plane:
     def observe(self) -> Array:
         return self.position.copy()
 
-    def judged(self) -> Array:
-        return self.position.copy()
+    def landmarks(self) -> Array:
+        return np.stack([self.position, -self.position], axis=1)
 
     def step(self, action: Array) -> Any:
         self.position = self.position + action
@@ -46,7 +46,7 @@ def test_any_number_of_states_is_held_in_any_number_of_slots(slots: int) -> None
     world = LatentEnvironment(Plane(slots), act)
     outcome = world.hold(rows, latent, 4)
     path = rows[:, None] + np.arange(5)[None, :, None] * latent[:, None]
-    np.testing.assert_allclose(outcome.path, path)
+    np.testing.assert_allclose(outcome.path, np.stack([path, -path], axis=2))
     np.testing.assert_allclose(outcome.rows, path[:, -1])
     assert not outcome.failed.any() and world.control_steps == 7 * 4
 
@@ -59,19 +59,20 @@ def test_a_failure_on_the_way_is_kept_even_if_it_passes() -> None:
 def test_the_start_is_where_the_first_slot_stands() -> None:
     plane = Plane(2)
     plane.position[0] = [1, 2, 3]
-    row, point = LatentEnvironment(plane, act).start()
-    assert row.tolist() == point.tolist() == [1, 2, 3]
+    row, points = LatentEnvironment(plane, act).start()
+    assert row.tolist() == [1, 2, 3] and points.tolist() == [[1, 2, 3], [-1, -2, -3]]
 
 
-def test_holding_on_the_arm_equals_stepping_it_directly() -> None:
+@pytest.mark.parametrize("task", [ReachTask(), PushTask()])
+def test_holding_on_the_arm_equals_stepping_it_directly(task: ReachTask | PushTask) -> None:
     def joint_policy(observation: Array, latent: Array) -> Array:
         return np.clip(latent + 0.5 * observation[:, :7], -1, 1)
 
-    env, twin = make(ReachTask(), 2, threads=1), make(ReachTask(), 5, threads=1)
+    env, twin = make(task, 2, threads=1), make(task, 5, threads=1)
     latent = np.random.default_rng(0).uniform(-1, 1, (5, 7))
     rows = twin.save(np.arange(5))
     outcome = LatentEnvironment(env, joint_policy).hold(rows, latent, 3)
     for t in range(1, 4):
         twin.step(joint_policy(twin.observe(), latent))
-        np.testing.assert_array_equal(outcome.path[:, t], twin.judged())
+        np.testing.assert_array_equal(outcome.path[:, t], twin.landmarks())
     np.testing.assert_array_equal(outcome.rows, twin.save(np.arange(5)))

@@ -1,6 +1,6 @@
 import numpy as np
 
-from skillcli.composition.plan import Choices, Segment, schedule
+from skillcli.composition.plan import Choices, Segment, latent_grid, schedule
 
 MEANS = np.array([[0.0, 0], [2, 0], [0, 4]])
 NAMES = [str(k + 1) for k in range(len(MEANS))]
@@ -13,6 +13,20 @@ def test_the_choices_are_the_means_and_where_asked_the_half_way_latents_of_all_p
     more = Choices.of(MEANS, NAMES, interpolated=True)
     assert more.label == ("1", "2", "3", "1~2", "1~3", "2~3") and more.skill.tolist() == [0, 1, 2, -1, -1, -1]
     assert more.latent[3:].tolist() == [[1, 0], [0, 2], [1, 2]]
+
+
+def test_a_grid_spans_the_box_between_its_corners() -> None:
+    grid = latent_grid(np.array([0.0, -1.0]), np.array([2.0, 1.0]), 3)
+    assert grid.tolist() == [[0, -1], [0, 0], [0, 1], [1, -1], [1, 0], [1, 1], [2, -1], [2, 0], [2, 1]]
+    assert latent_grid(np.zeros(3), np.ones(3), 2).shape == (8, 3)
+
+
+def test_grid_latents_come_last_are_no_skill_and_are_labelled_by_their_coordinates() -> None:
+    grid = np.array([[-0.5, 1.0], [0.125, -0.0625]])
+    found = Choices.of(MEANS, NAMES, interpolated=True, grid=grid)
+    assert found.label == ("1", "2", "3", "1~2", "1~3", "2~3", "(-0.50,1.00)", "(0.12,-0.06)")
+    assert found.skill.tolist() == [0, 1, 2, -1, -1, -1, -1, -1]
+    np.testing.assert_array_equal(found.latent[6:], grid)
 
 
 def test_a_schedule_holds_each_latent_for_its_steps() -> None:

@@ -19,13 +19,13 @@ from skillcli.trajectories import Array
 RIGHT, UP, DIAGONAL = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 1.0, 0.0)
 COMPASS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
 SETTINGS = Settings(
-    durations=(1,), tolerance=0.1, resolution=0.5, step_seconds=1.0, weight=0.0, max_speed=math.sqrt(2), final_speed=math.inf,
-    budget=1000,
+    durations=(1,), tolerance=0.1, resolution=0.5, step_seconds=1.0, weight=0.0, max_speed=math.sqrt(2), approach_speed=0.0,
+    standoff=0.0, final_speed=math.inf, budget=1000,
 )  # fmt: skip
 
 
 class World:
-    """Positions; whoever leaves `inside` fails."""
+    """Positions, their own only landmark; whoever leaves `inside` fails."""
 
     def __init__(self, inside: Callable[[Array], Array] | None = None) -> None:
         self.inside, self.control_steps = inside, 0
@@ -36,7 +36,7 @@ class World:
         if self.inside is not None:
             failed = ~self.inside(path).all(axis=1)
         self.control_steps += steps * len(rows)
-        return Outcome(path, failed, path[:, -1])
+        return Outcome(path[:, :, None], failed, path[:, -1])
 
 
 def choices(*latent: tuple[float, ...]) -> Choices:
@@ -45,7 +45,7 @@ def choices(*latent: tuple[float, ...]) -> Choices:
 
 def planner(waypoints: list[tuple[float, ...]], latent: Choices, **changes: object) -> UniformCostSearch:
     settings = replace(SETTINGS, **changes)  # type: ignore[arg-type]
-    return UniformCostSearch(np.zeros(3), np.zeros(3), np.array(waypoints), latent, settings)
+    return UniformCostSearch(np.zeros(3), np.zeros((1, 3)), np.array(waypoints), latent, settings)
 
 
 def solve(plan: UniformCostSearch, world: World | None = None, batch: int = 1) -> Node:
@@ -57,7 +57,7 @@ def test_uniform_cost_finds_the_shortest_way() -> None:
     node = solve(plan)
     assert node is plan.goal and node.cost == 3, "two diagonals and one to the right"
     assert sorted(segment.label for segment in plan.plan(node) for _ in range(segment.steps)) == ["1", "3", "3"]
-    np.testing.assert_allclose(node.point, [3, 2, 0])
+    np.testing.assert_allclose(node.points, [[3, 2, 0]])
 
 
 def test_the_admissible_heuristic_finds_the_same_cost_with_no_more_work() -> None:
@@ -133,7 +133,7 @@ def test_at_the_end_of_its_budget_the_nearest_node_is_given() -> None:
     plan = planner([(50, 0, 0)], choices(*COMPASS), budget=20, weight=1.0, max_speed=1.0)
     node = solve(plan)
     assert plan.expanded == 20 and plan.goal is None
-    assert node.point.tolist() == [20, 0, 0], "straight towards the goal"
+    assert node.points.tolist() == [[20, 0, 0]], "straight towards the goal"
     several = planner([(50, 0, 0)], choices(*COMPASS), budget=20)
     solve(several, batch=8)
     assert several.expanded == 20, "the last batch is cut short"
@@ -176,5 +176,108 @@ def test_the_same_latent_twice_in_a_row_is_one_segment() -> None:
 
 
 def test_nothing_to_meet_is_met_at_once() -> None:
-    plan = UniformCostSearch(np.zeros(3), np.zeros(3), np.zeros((0, 3)), choices(RIGHT), SETTINGS)
+    plan = UniformCostSearch(np.zeros(3), np.zeros((1, 3)), np.zeros((0, 3)), choices(RIGHT), SETTINGS)
     assert plan.finished and plan.plan(solve(plan)) == []
+
+
+# Two landmarks: a box, and a gripper whose places are given outright, since this world has no contact.
+BOX, SOUTH, NORTH = (0.0, 0.0, 0.0), (0.0, -3.0, 0.0), (0.0, 3.0, 0.0)
+
+
+def pushing(waypoints: list[tuple[float, ...]], **changes: object) -> tuple[UniformCostSearch, Node]:
+    """A planner that has just asked for its root: a box at the origin, a gripper 3 m south of it."""
+    settings = replace(SETTINGS, **{"weight": 1.0, "max_speed": 1.0, "standoff": 1.0, **changes})  # type: ignore[arg-type]
+    plan = UniformCostSearch(np.zeros(6), np.array([BOX, SOUTH]), np.array(waypoints), choices(RIGHT), settings)
+    (root,) = plan.ask(1)
+    return plan, root
+
+
+def lead(plan: UniformCostSearch, node: Node, *ends: tuple[tuple[float, ...], tuple[float, ...]]) -> list[Node]:
+    """Tell that one step from a node led to these places of box and gripper; returns the children kept."""
+    path = np.array([[node.points, end] for end in ends])
+    rows = path[:, -1].reshape(len(ends), -1)
+    outcome = Outcome(path, np.zeros(len(ends), dtype=bool), rows)
+    return plan.tell([node] * len(ends), np.zeros(len(ends), dtype=int), outcome, 1)
+
+
+def grippers(nodes: list[Node]) -> list[tuple[float, ...]]:
+    return [tuple(node.points[1].tolist()) for node in nodes]
+
+
+WEST, EAST, NEAR_SOUTH = (-2.0, 0.0, 0.0), (2.0, 0.0, 0.0), (0.0, -2.0, 0.0)
+
+
+def test_the_gripper_that_is_nearest_to_the_far_side_of_the_box_is_expanded_first() -> None:
+    # the box is to go 5 m east, so the gripper belongs 1 m west of it: 1, sqrt(5), 3 and sqrt(10) m away
+    plan, root = pushing([(5, 0, 0)], approach_speed=1.0)
+    assert len(lead(plan, root, (BOX, NORTH), (BOX, EAST), (BOX, WEST), (BOX, NEAR_SOUTH))) == 4
+    assert grippers(plan.ask(4)) == [WEST, NEAR_SOUTH, EAST, NORTH]
+    plan, root = pushing([(5, 0, 0)], approach_speed=0.0)
+    lead(plan, root, (BOX, NORTH), (BOX, EAST), (BOX, WEST), (BOX, NEAR_SOUTH))
+    assert grippers(plan.ask(4)) == [NORTH, EAST, WEST, NEAR_SOUTH], "all alike without it: the first comes first"
+
+
+@pytest.mark.parametrize(("speed", "first"), [(0.5, WEST), (1.0, (0.5, 2.0, 0.0))])
+def test_the_approach_counts_as_time_at_its_speed(speed: float, first: tuple[float, ...]) -> None:
+    # the box 5 m from its goal and the gripper 1 m from where it belongs, against 3.5 m and 2 m
+    plan, root = pushing([(5, 0, 0)], approach_speed=speed)
+    lead(plan, root, (BOX, WEST), ((1.5, 0, 0), (0.5, 2.0, 0)))
+    assert grippers(plan.ask(1)) == [first], "5 + 2 s against 3.5 + 4 s, or 5 + 1 s against 3.5 + 2 s"
+
+
+def test_the_gripper_belongs_behind_the_box_as_seen_from_the_waypoint_that_is_due() -> None:
+    plan, root = pushing([(3, 0, 0), (3, 4, 0)], approach_speed=1.0)
+    places = [(2.0, 0, 0), (3.0, 1.0, 0), (3.0, -1.0, 0)]
+    nodes = lead(plan, root, *(((3, 0, 0), place) for place in places))
+    assert [node.due for node in nodes] == [1, 1, 1] and grippers(plan.ask(1)) == [(3, -1, 0)]
+
+
+def test_a_box_that_is_where_it_should_be_needs_no_side_to_be_pushed_from() -> None:
+    plan, root = pushing([(0, 0, 0)], approach_speed=1.0, final_speed=-1.0)  # there, and yet never slow enough
+    lead(plan, root, ((5, 0, 0), (6, 0, 0)), (BOX, WEST))
+    assert grippers(plan.ask(1)) == [WEST], "2 s of approach against 5 s of the box"
+
+
+def test_states_count_as_one_by_box_and_gripper_together() -> None:
+    # cells of 0.5 m for the box and of 1 m for the gripper
+    plan, root = pushing([(9, 0, 0)])
+    kept = lead(plan, root, (BOX, (2.1, 0, 0)), (BOX, (2.9, 0, 0)), (BOX, (3.1, 0, 0)), ((0.6, 0, 0), (2.1, 0, 0)))
+    assert [tuple(node.points[:, 0].tolist()) for node in kept] == [(0, 2.1), (0, 3.1), (0.6, 2.1)]
+
+
+def test_only_the_box_meets_waypoints_and_has_a_speed() -> None:
+    plan, root = pushing([(2, 0, 0)], final_speed=0.5)
+    passed, pushed, slow = lead(
+        plan, root, (BOX, (2.0, 0, 0)), ((2.0, 0, 0), (1.0, 0, 0)), ((0.4, 0, 0), (-4.0, 0, 0))
+    )  # fmt: skip
+    assert (passed.due, passed.speed) == (0, 0), "the gripper was there, the box was not"
+    assert (pushed.due, pushed.speed) == (0, 2), "too fast to count"
+    assert (slow.due, slow.speed) == (0, 0.4)
+    assert plan.goal is None and plan.best is pushed, "the nearest box, wherever its gripper"
+
+
+class Pusher:
+    """A gripper that walks on a grid, and moves a box by walking into it."""
+
+    def hold(self, rows: Array, latent: Array, steps: int) -> Outcome:
+        box, gripper = rows[:, :3].copy(), rows[:, 3:].copy()
+        path = [np.stack([box, gripper], axis=1)]
+        for _ in range(steps):
+            gripper = gripper + latent
+            box = np.where((gripper == box).all(axis=1, keepdims=True), box + latent, box)
+            path.append(np.stack([box, gripper], axis=1))
+        return Outcome(np.stack(path, axis=1), np.zeros(len(rows), dtype=bool), np.concatenate([box, gripper], axis=1))
+
+
+def test_a_box_is_pushed_round_a_corner_and_the_approach_saves_most_of_the_work() -> None:
+    expanded = []
+    for speed in (0.0, 1.0):
+        settings = replace(SETTINGS, weight=1.0, max_speed=1.0, approach_speed=speed, standoff=1.0, resolution=0.5)
+        start = np.array([BOX, (0.0, -1.0, 0.0)])
+        plan = UniformCostSearch(start.ravel(), start, np.array([(3.0, 0, 0), (3.0, 2, 0)]), choices(*COMPASS), settings)
+        node = search(plan, Pusher(), 1, lambda *_: None)  # type: ignore[arg-type]
+        # west, north, three times east; then south, east, and twice north
+        assert node is plan.goal and node.cost == 9
+        assert "".join(segment.label * segment.steps for segment in plan.plan(node)) == "321114122"
+        expanded.append(plan.expanded)
+    assert expanded[1] < expanded[0] / 2

@@ -7,42 +7,35 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skillcli.envs.domains import DOMAINS, PARAMETERS, Domain, LogUniform, OneOf, Range, Uniform, find_domain, sample
+from skillcli.envs.domains import DOMAINS, find_domain
 from skillcli.envs.point import PointEnvironment
+from skillcli.envs.push import PushEnvironment
 from skillcli.envs.reach import ReachEnvironment
 from skillcli.envs.sawyer import JOINTS
 from skillcli.errors import UsageError
-from skillcli.recipe import PointTask, ReachTask
+from skillcli.perturbation import MAX_LATENCY, PARAMETERS, sample
+from skillcli.recipe import PointTask, PushTask, ReachTask
 from skillcli.trajectories import Array
 
-TASK = ReachTask()
+TASK, PUSH = ReachTask(), PushTask()
 
 
 def rng(seed: int = 0) -> np.random.Generator:
     return np.random.default_rng(seed)
 
 
-def bounds(values: Range) -> tuple[float, float]:
-    return (min(values.values), max(values.values)) if isinstance(values, OneOf) else (values.low, values.high)
-
-
 @pytest.mark.parametrize("name", DOMAINS)
 def test_parameters_are_drawn_again_the_same_within_their_ranges(name: str) -> None:
     domain = find_domain(name)
-    drawn, again = sample(domain, 200, rng()), sample(domain, 200, rng())
+    drawn, again = sample(domain.parameters, 200, rng()), sample(domain.parameters, 200, rng())
     assert drawn.keys() == domain.parameters.keys() <= PARAMETERS.keys()
     for parameter, values in drawn.items():
         np.testing.assert_array_equal(values, again[parameter])
-        assert values.shape == ((200,) if PARAMETERS[parameter][0] == 1 else (200, 7))
-        low, high = bounds(domain.parameters[parameter])
+        size = PARAMETERS[parameter][0]
+        assert values.shape == ((200,) if size == 1 else (200, size))
+        low, high = min(domain.parameters[parameter].values), max(domain.parameters[parameter].values)
         assert low <= values.min() and values.max() <= high
         assert low == high or np.ptp(values) > 0.5 * (high - low), "the range is used"
-
-
-def test_a_log_uniform_factor_is_as_often_below_as_above_its_middle() -> None:
-    values = sample(Domain("d", "", {"joint_damping": LogUniform(0.25, 4.0)}), 2000, rng())["joint_damping"]
-    assert float((values < 1).mean()) == pytest.approx(0.5, abs=0.02)
-    assert float((values < 0.5).mean()) == pytest.approx(0.25, abs=0.02)
 
 
 def test_an_unknown_domain_names_those_there_are() -> None:
@@ -51,9 +44,11 @@ def test_an_unknown_domain_names_those_there_are() -> None:
     assert "real-like" in caught.value.hint
 
 
-def test_the_nominal_domain_changes_nothing_bit_for_bit() -> None:
-    plain, nominal = ReachEnvironment(TASK, 3), ReachEnvironment(TASK, 3)
-    nominal.perturb(sample(find_domain("nominal"), 3, rng()), rng())
+@pytest.mark.parametrize("kind", [ReachEnvironment, PushEnvironment])
+def test_the_nominal_domain_changes_nothing_bit_for_bit(kind: Any) -> None:
+    task = TASK if kind is ReachEnvironment else PUSH
+    plain, nominal = kind(task, 3), kind(task, 3)
+    nominal.perturb(sample(find_domain("nominal").parameters, 3, rng()), rng())
     nominal.reset(np.arange(3), np.zeros(3, dtype=np.int64))
     for action in rng().uniform(-1, 1, (8, 3, 7)):
         np.testing.assert_array_equal(plain.step(action).observation, nominal.step(action).observation)
@@ -68,7 +63,9 @@ FIELDS = [
     ("joint_friction", "dof_frictionloss", "joints", "factor"),
     ("gain", "actuator_gainprm", "joints", "factor"),
     ("gain", "actuator_biasprm", "joints", "factor"),
-    ("contact_friction", "geom_friction", "table", "factor"),
+    ("contact_friction", "geom_friction", "contacts", "factor"),
+    ("object_mass", "body_mass", "box", "factor"),
+    ("object_mass", "body_inertia", "box", "factor"),
     ("table_height", "geom_pos", "table", "offset"),
     ("latency", "actuator_delay", "joints", "offset"),
 ]
@@ -78,13 +75,28 @@ def entries(model: Any, which: str, field: str) -> Any:
     if which == "links":
         return [model.joint(name).bodyid[0] for name in JOINTS]
     if which == "table":
-        return (model.geom("table").id, 0 if field == "geom_friction" else 2)
+        return (model.geom("table").id, 2)
+    if which == "contacts":  # sliding only, not torsion
+        touching = ("table", "box", "palm", "rod") if has_box(model) else ("table",)
+        return ([model.geom(name).id for name in touching], 0)
+    if which == "box":
+        return [model.body("box").id]
     return slice(None)
 
 
+def has_box(model: Any) -> bool:
+    return "box" in [model.body(index).name for index in range(model.nbody)]
+
+
+@pytest.mark.parametrize("kind", [ReachEnvironment, PushEnvironment])
 @pytest.mark.parametrize(("parameter", "field", "which", "how"), FIELDS)
-def test_a_parameter_changes_its_field_in_its_own_simulation_only(parameter: str, field: str, which: str, how: str) -> None:
-    env = ReachEnvironment(TASK, 3, delay=True)
+def test_a_parameter_changes_its_field_in_its_own_simulation_only(
+    parameter: str, field: str, which: str, how: str, kind: Any
+) -> None:
+    env = kind(TASK if kind is ReachEnvironment else PUSH, 3, delay=True)
+    if which == "box" and not has_box(env.arms.model):
+        env.perturb({parameter: np.full(3, 1.5)}, rng())  # has no meaning, and does no harm
+        return
     neutral, changed = (1.0, 1.5) if how == "factor" else (0.0, 0.02)
     values = np.full((3, 7) if PARAMETERS[parameter][0] == 7 else 3, neutral)
     values[1] = changed
@@ -127,6 +139,12 @@ def test_an_arm_that_may_be_delayed_but_is_not_moves_as_the_plain_one() -> None:
     plain, prepared = ReachEnvironment(TASK, 2), ReachEnvironment(TASK, 2, delay=True)
     for action in rng().uniform(-1, 1, (8, 2, 7)):
         np.testing.assert_allclose(plain.step(action).observation, prepared.step(action).observation, atol=1e-6)
+
+
+def test_commands_are_remembered_for_the_longest_latency_there_may_be() -> None:
+    prompt, delayed = reply(MAX_LATENCY)
+    np.testing.assert_allclose(delayed[:4], delayed[0], atol=2e-3)
+    assert prompt[3] > prompt[0] + 0.05 and delayed[-1] == pytest.approx(prompt[-4], abs=0.01)
 
 
 def test_a_weaker_compensation_lets_the_arm_sag() -> None:
@@ -172,11 +190,6 @@ def test_the_point_knows_gain_and_position_noise() -> None:
     step = env.step(np.ones((400, 2)))
     np.testing.assert_allclose(env.judged()[:, 0], np.repeat([0.1, 0.05], 200))
     assert (step.observation - env.judged()[:, :2]).std() == pytest.approx(0.01, rel=0.1)
-
-
-def test_uniform_draws_fill_the_range_evenly() -> None:
-    values = Uniform(2.0, 4.0).draw(rng(), (4000,))
-    assert np.histogram(values, bins=4, range=(2, 4))[0] == pytest.approx(1000, abs=100)
 
 
 def test_a_slippery_table_changes_what_dragging_the_finger_does() -> None:

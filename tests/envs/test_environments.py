@@ -7,10 +7,15 @@ import pytest
 
 from skillcli.envs.environment import Environment, Step
 from skillcli.envs.tasks import DESCRIPTIONS, Task, make
-from skillcli.recipe import PointTask, ReachTask
+from skillcli.recipe import PointTask, PushTask, ReachTask
 from skillcli.trajectories import Array
 
-TASKS: dict[str, Task] = {"point": PointTask(horizon=12), "reach": ReachTask(horizon=12)}
+TASKS: dict[str, Task] = {
+    "point": PointTask(horizon=12),
+    "reach": ReachTask(horizon=12),
+    # a tall box right beside the finger, so that random actions push it
+    "push": PushTask(horizon=12, box_start=(0.6, 0.05), box_size=(0.06, 0.06, 0.2)),
+}
 STEPS = 6
 
 
@@ -42,6 +47,13 @@ def motion(steps: list[Step]) -> Array:
     return np.stack([np.concatenate([step.observation, step.reward[:, None]], axis=1) for step in steps])
 
 
+def test_the_box_is_touched_in_what_follows() -> None:
+    env = fresh(TASKS["push"], 7)
+    start = env.judged()
+    drive(env, random_actions(env, STEPS))
+    assert (np.linalg.norm(env.judged() - start, axis=1) > 1e-3).sum() >= 3
+
+
 @pytest.mark.parametrize("threads", [1, 2])
 def test_equal_actions_give_equal_motion_bit_for_bit_with_any_number_of_threads(task: Task, threads: int) -> None:
     first, second = fresh(task, 5), fresh(task, 5, threads)
@@ -63,7 +75,7 @@ def test_a_simulation_depends_neither_on_its_slot_nor_on_its_neighbours(task: Ta
 def test_saved_states_have_the_same_future_in_any_slot_of_any_batch(task: Task) -> None:
     env, other = fresh(task, 3), fresh(task, 5)
     drive(env, random_actions(env, STEPS))
-    rows, seen = env.save(np.arange(3)), env.observe()
+    rows, seen, places = env.save(np.arange(3)), env.observe(), env.landmarks()
     future = random_actions(env, STEPS, seed=1)
     expected = motion(drive(env, future))[..., :-1]  # the reward follows the slot's goal
     end = env.save(np.arange(3))
@@ -72,6 +84,7 @@ def test_saved_states_have_the_same_future_in_any_slot_of_any_batch(task: Task) 
     drive(other, random_actions(other, 3, seed=2))
     other.restore(slots, rows[order])
     np.testing.assert_array_equal(other.observe()[slots], seen[order])
+    np.testing.assert_array_equal(other.landmarks()[slots], places[order])
     actions = random_actions(other, STEPS, seed=3)
     actions[:, slots] = future[:, order]
     np.testing.assert_array_equal(motion(drive(other, actions))[:, slots, :-1], expected[:, order])
@@ -106,18 +119,21 @@ def test_every_number_that_is_observed_changes_under_random_actions(task: Task) 
 def test_what_is_returned_shares_no_memory_with_the_simulation(task: Task) -> None:
     env, twin = fresh(task, 3), fresh(task, 3)
     actions = random_actions(env, 4)
+
+    def given(step: Step) -> list[Array]:
+        places = [env.judged(), env.landmarks(), env.save(np.arange(3)), *env.snapshot().values()]
+        return [*step, env.observe(), env.privileged(), *places]
+
     for action in actions[:2]:
         twin.step(action)
-        step = env.step(action)
-        given = [*step, env.observe(), env.judged(), env.save(np.arange(3)), *env.snapshot().values()]
-        for array in given:  # writing into it must not reach the simulation
+        for array in given(env.step(action)):  # writing into it must not reach the simulation
             array[...] = True if array.dtype == bool else 7
     np.testing.assert_array_equal(motion(drive(env, actions[2:])), motion(drive(twin, actions[2:])))
 
-    given = [*env.step(actions[0]), env.observe(), env.judged(), env.save(np.arange(3)), *env.snapshot().values()]
-    copies = [array.copy() for array in given]
+    arrays = given(env.step(actions[0]))
+    copies = [array.copy() for array in arrays]
     env.step(actions[1])
-    for array, copy in zip(given, copies, strict=True):  # and the simulation must not write into it
+    for array, copy in zip(arrays, copies, strict=True):  # and the simulation must not write into it
         np.testing.assert_array_equal(array, copy)
 
 
@@ -136,16 +152,35 @@ def test_an_episode_ends_by_time_alone_and_never_by_success(task: Task) -> None:
     env = fresh(task, 2)
     env.target[:] = env.judged()
     for t, step in enumerate(drive(env, np.zeros((env.horizon, 2, env.action_size))), 1):
-        assert (-step.reward <= env.tolerance).all(), "it stays at the goal"
+        assert (np.linalg.norm(env.judged() - env.target, axis=1) <= env.tolerance).all(), "it stays at the goal"
         assert not step.terminated.any()
         assert (step.truncated == (t == env.horizon)).all()
 
 
+@pytest.mark.parametrize("task", ["point", "reach"], indirect=True)
 def test_the_reward_is_minus_the_distance_to_the_goal(task: Task) -> None:
     env = fresh(task, 4)
     for action in random_actions(env, STEPS):
         reward = env.step(action).reward
         np.testing.assert_allclose(reward, -np.linalg.norm(env.judged() - env.target, axis=1), rtol=1e-12)
+
+
+def test_the_reward_follows_the_target_and_not_the_skill(task: Task) -> None:
+    env = fresh(task, 2)
+    env.target[:] = env.judged()
+    action = random_actions(env, 1)[0]
+    action[1] = action[0]
+    np.testing.assert_array_equal(*env.step(action).reward)
+    env.target[1] += [0.1, 0.1, 0]
+    assert np.ptp(env.step(action).reward) > 0.01
+
+
+def test_landmarks_are_the_judged_point_and_what_else_a_planner_needs(task: Task) -> None:
+    env = fresh(task, 3)
+    drive(env, random_actions(env, STEPS))
+    landmarks = env.landmarks()
+    assert landmarks.shape == (3, 2 if isinstance(task, PushTask) else 1, 3)
+    np.testing.assert_array_equal(landmarks[:, 0], env.judged())
 
 
 def test_shapes_and_types(task: Task) -> None:
@@ -155,6 +190,7 @@ def test_shapes_and_types(task: Task) -> None:
     assert step.reward.shape == (3,) and step.terminated.dtype == step.truncated.dtype == bool
     assert env.judged().shape == (3, 3) and env.goals.shape == (len(task.goals), 3)
     assert env.applied.shape == (3, env.action_size)
+    assert env.privileged().shape == (3, env.privileged_size) and env.privileged().dtype == np.float32
     assert len(env.save(np.array([0, 2]))) == 2
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields, replace
 
 import numpy as np
@@ -15,7 +16,7 @@ from skillcli.learning import te_ppo
 from skillcli.learning.agent import windows
 from skillcli.learning.learner import Learner
 from skillcli.learning.rollout import StartPool, collect, start_episodes
-from skillcli.recipe import PointTask, load_recipe
+from skillcli.recipe import PointTask, Recipe, load_recipe, resolve
 from skillcli.trajectories import Array
 
 RECIPE = load_recipe(
@@ -24,8 +25,21 @@ RECIPE = load_recipe(
 )
 
 
-def learner(seed: int = 0, num: int = 8) -> Learner:
-    return Learner(make(RECIPE.task, num), RECIPE, seed)
+RANDOMISED = resolve(
+    RECIPE.model_dump(mode="json"),
+    ["randomisation.dynamics.gain={uniform=[0.5, 1.5]}", "randomisation.sensing.position_noise=0.01"],
+)
+
+
+# The same on the arm: a box, robots that differ, delayed and noisy, and what only the value function sees.
+PUSHED = load_recipe(
+    "push-robust",
+    ["training.iterations=6", "training.minibatch=20", "training.epochs=3", "training.chained_starts=0.5", "task.horizon=10"],
+)
+
+
+def learner(seed: int = 0, num: int = 8, recipe: Recipe = RECIPE) -> Learner:
+    return Learner(make(recipe.task, num, delay="latency" in recipe.randomisation.ranges), recipe, seed)
 
 
 def run(trained: Learner, iterations: int) -> Learner:
@@ -45,13 +59,14 @@ def test_the_same_seed_trains_the_same_weights_bit_for_bit() -> None:
     assert same(first, again) and not same(first, other)
 
 
-def test_training_goes_on_from_a_saved_state_bit_for_bit() -> None:
-    whole = run(learner(), 6)
-    half = run(learner(), 3)
+@pytest.mark.parametrize("recipe", [RECIPE, RANDOMISED, PUSHED], ids=["plain", "randomised", "pushed"])
+def test_training_goes_on_from_a_saved_state_bit_for_bit(recipe: Recipe) -> None:
+    whole = run(learner(recipe=recipe), 6)
+    half = run(learner(recipe=recipe), 3)
     arrays, state = half.state()
     arrays = {path: array.copy() for path, array in arrays.items()}
     run(half, 1)  # must not reach into what was saved
-    resumed = learner(seed=9)
+    resumed = learner(seed=9, recipe=recipe)
     resumed.load(arrays, state)
     assert resumed.iteration == 3 and not resumed.finished
     assert same(run(resumed, 3), whole) and resumed.finished
@@ -82,6 +97,20 @@ def test_the_embedding_learns_through_the_policy() -> None:
     te_ppo.update(batch, trained.agent, trained.optimizers, training, 0.0, trained.rng)
     for weight in (trained.agent.embedding.raw_mean, trained.agent.embedding.raw_std):
         assert weight.grad is not None and (weight.grad.abs().sum(1) > 0).all(), "every skill"
+
+
+def test_fixed_means_stay_where_they_started_while_the_rest_learns() -> None:
+    recipe = resolve(RECIPE.model_dump(mode="json"), ["embedding.fixed_means=true"])
+    trained = learner(recipe=recipe)
+    mean, std = trained.agent.embed()
+    weights = trained.agent.arrays()
+    run(trained, 2)
+    np.testing.assert_array_equal(trained.agent.embed()[0], mean)
+    assert (trained.agent.embed()[1] != std).all()
+    assert all((trained.agent.arrays()[name] != weights[name]).any() for name in weights if "body" in name)
+    resumed = learner(seed=9, recipe=recipe)
+    resumed.load(*trained.state())
+    assert same(run(resumed, 1), run(trained, 1))
 
 
 def test_a_batch_is_the_rollout_without_what_lies_behind_a_failure() -> None:
@@ -156,3 +185,86 @@ def test_chained_episodes_begin_where_earlier_ones_passed() -> None:
     assert float(passed.mean()) == pytest.approx(0.7, abs=0.06)
     np.testing.assert_array_equal(env.target, env.goals[skills])
     assert np.bincount(skills).tolist() == [100] * 4
+
+
+class Perturbed(PointEnvironment):
+    """Remembers what each rollout was perturbed with, and whether the value function may see it."""
+
+    privileged_size = 1
+
+    def __init__(self, task: PointTask, num: int) -> None:
+        self.given: list[dict[str, Array]] = []
+        super().__init__(task, num)
+
+    def perturb(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
+        self.given.append({name: values.copy() for name, values in parameters.items()})
+        super().perturb(parameters, rng)
+
+    def privileged(self) -> Array:
+        return self._step_limit.astype(np.float32)
+
+
+def perturbed(*changes: str, num: int = 400) -> list[dict[str, Array]]:
+    """What ten iterations of two steps perturb their simulations with."""
+    overrides = ["training.iterations=10", "task.horizon=2", "training.epochs=1", *changes]
+    recipe = resolve(RECIPE.model_dump(mode="json"), overrides)
+    assert isinstance(recipe.task, PointTask)
+    env = Perturbed(recipe.task, num)
+    run(Learner(env, recipe, 0), 10)
+    return env.given
+
+
+def reached(given: list[dict[str, Array]], name: str, neutral: float = 0.0) -> list[float]:
+    """The share of the simulations that a parameter is not neutral in, in each iteration."""
+    return [float((each[name].reshape(len(each[name]), -1) != neutral).any(axis=1).mean()) for each in given]
+
+
+def test_what_is_phased_in_reaches_a_growing_share_of_the_simulations() -> None:
+    given = perturbed(
+        "randomisation.dynamics.gain={uniform=[0.5, 0.9]}", "randomisation.starts.start_offset={uniform=[-0.1, 0.1]}",
+        "randomisation.sensing.position_noise={uniform=[0.01, 0.02]}", "randomisation.sensing.joint_noise=0.01",
+        "randomisation.starts_span=[0.0, 0.4]", "randomisation.sensing_span=[0.2, 0.6]",
+    )  # fmt: skip
+    assert len(given) == 10
+    starts, sensing = reached(given, "start_offset"), reached(given, "position_noise")
+    assert starts[0] == 0 and starts[4:] == [1] * 6 and starts[1:4] == pytest.approx([0.25, 0.5, 0.75], abs=0.08)
+    assert sensing[:3] == [0] * 3 and sensing[6:] == [1] * 4 and sensing[3:6] == pytest.approx([0.25, 0.5, 0.75], abs=0.08)
+    assert reached(given, "gain", 1.0) == [1] * 10, "dynamics from the first iteration on"
+    for each in given:
+        np.testing.assert_array_equal(each["joint_noise"] > 0, each["position_noise"] > 0, err_msg="all of a group at once")
+        assert each["gain"].min() >= 0.5 and each["gain"].max() <= 0.9 and np.ptp(each["gain"]) > 0.35
+    both = (given[3]["position_noise"] > 0) & (given[3]["start_offset"] != 0).any(axis=1)
+    assert float(both.mean()) == pytest.approx(0.25 * 0.75, abs=0.08), "each group by its own chance"
+    assert not np.array_equal(given[8]["gain"], given[9]["gain"]), "anew for every episode"
+
+
+def test_a_span_without_length_begins_everywhere_at_once() -> None:
+    given = perturbed(
+        "randomisation.starts.start_offset=0.1", "randomisation.sensing.position_noise=0.01",
+        "randomisation.starts_span=[0, 0]", "randomisation.sensing_span=[0.3, 0.3]", num=8,
+    )  # fmt: skip
+    assert reached(given, "start_offset") == [1] * 10
+    assert reached(given, "position_noise") == [0] * 3 + [1] * 7
+
+
+def test_without_randomisation_nothing_is_perturbed_and_no_chance_is_spent() -> None:
+    assert perturbed("randomisation.starts_span=[0, 0]", num=8) == []
+    plain = learner()
+    waiting = learner(recipe=resolve(RECIPE.model_dump(mode="json"), ["randomisation.sensing_span=[0, 0]"]))
+    assert same(run(plain, 2), run(waiting, 2))
+
+
+def test_the_value_function_sees_what_is_privileged_and_the_policy_does_not() -> None:
+    recipe = resolve(RANDOMISED.model_dump(mode="json"))
+    assert isinstance(recipe.task, PointTask)
+    trained = run(Learner(Perturbed(recipe.task, 8), recipe, 0), 1)
+    rollout = collect(trained.env, trained.agent, trained.pool, 0.0, trained.rng)
+    assert rollout.privileged.shape == (11, 8, 1) and (rollout.privileged == rollout.privileged[0]).all()
+    batch, _ = te_ppo.prepare(rollout, trained.agent, recipe.training)
+    assert batch.privileged.shape == (80, 1) and float(batch.privileged.std()) > 0.1
+    blind = replace(rollout, privileged=rollout.privileged * 0)
+    other, _ = te_ppo.prepare(blind, trained.agent, recipe.training)
+    assert not torch.equal(other.value_target, batch.value_target) and torch.equal(other.old_log_prob, batch.old_log_prob)
+    te_ppo.update(batch, trained.agent, trained.optimizers, recipe.training, 0.0, trained.rng)
+    weight = next(trained.agent.value.parameters())
+    assert weight.grad is not None and float(weight.grad[:, 2].abs().max()) > 0, "behind the two numbers observed"

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from skillcli.learning import gaussian
-from skillcli.learning.te_ppo import adapted_learning_rate, approximate_kl, augmented_reward, surrogate_loss
+from skillcli.learning.te_ppo import adapted_learning_rate, approximate_kl, augmented_reward, settled_kl, surrogate_loss
 from skillcli.recipe import Training
 
 LOG_2PI = 1.8378770664
@@ -88,3 +88,15 @@ def test_the_reward_is_scaled_and_diversity_is_clipped_on_both_sides() -> None:
 )
 def test_the_step_size_follows_the_kl_divergence_within_bounds(rate: float, kl: float, expected: float) -> None:
     assert adapted_learning_rate(rate, kl, target=0.01) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("settle_from", "progress", "expected"),
+    [(0.0, 0.0, 0.01), (0.0, 0.5, 0.005), (0.0, 1.0, 0.0005), (0.6, 0.6, 0.01), (0.6, 0.8, 0.005), (0.6, 1.0, 0.0005)],
+)
+def test_the_target_kl_shrinks_towards_the_end(settle_from: float, progress: float, expected: float) -> None:
+    assert settled_kl(0.01, settle_from, progress) == pytest.approx(expected)
+
+
+def test_the_target_kl_need_not_shrink_at_all() -> None:
+    assert [settled_kl(0.01, 1.0, progress) for progress in (0.0, 0.5, 0.999)] == [0.01] * 3

@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from skillcli.learning.agent import Actor, Agent, windows
-from skillcli.learning.networks import CLIP, Normalizer, arranged, spread
-from skillcli.recipe import load_recipe
+from skillcli.learning.networks import CLIP, Normalizer, affine, arranged, spread
+from skillcli.recipe import Recipe, load_recipe, resolve
 
 REACH = load_recipe("reach")
 GOALS = np.array(REACH.task.goals)
@@ -16,8 +16,11 @@ def chance(seed: int = 0) -> torch.Generator:
     return torch.Generator().manual_seed(seed)
 
 
-def agent(seed: int = 0) -> Agent:
-    made = Agent(REACH, 10, 7, GOALS, seed)
+LINEAR = resolve(REACH.model_dump(mode="json"), ["network.linear_latent=true"])
+
+
+def agent(seed: int = 0, recipe: Recipe = REACH) -> Agent:
+    made = Agent(recipe, 10, 7, GOALS, seed)
     made.normalizer.update(2 + 3 * torch.randn(100, 10, generator=chance()))
     for weight in made.policy.parameters():  # off its small start, so that differences show
         weight.data += 0.1 * torch.randn(weight.shape, generator=chance(1))
@@ -45,8 +48,9 @@ def test_windows_repeat_the_first_observation_where_there_are_fewer() -> None:
     assert windows(observation, 4)[2, 0].tolist() == [1, 10, 1, 10, 2, 20, 3, 30]
 
 
-def test_the_fast_actor_does_what_the_agent_does() -> None:
-    made, rng = agent(), np.random.default_rng(0)
+@pytest.mark.parametrize("recipe", [REACH, LINEAR], ids=["latent as input", "linear in the latent"])
+def test_the_fast_actor_does_what_the_agent_does(recipe: Recipe) -> None:
+    made, rng = agent(recipe=recipe), np.random.default_rng(0)
     latent = rng.normal(size=(5, 3)).astype(np.float32)
     act = Actor(made, latent)
     for scale in (1, 3, 100):  # the last one clipped by the normaliser
@@ -54,6 +58,21 @@ def test_the_fast_actor_does_what_the_agent_does() -> None:
         before = observation.copy()
         np.testing.assert_allclose(act(observation), made.act(observation, latent), rtol=1e-5, atol=1e-6)
         np.testing.assert_array_equal(observation, before)
+
+
+def test_an_affine_function_by_hand() -> None:
+    parts, latent = torch.tensor([[1.0, 2, 10, 20, 100, 200]]), torch.tensor([[0.5, -1]])  # f, then G column by column
+    assert affine(parts, latent).tolist() == [[1 + 5 - 100, 2 + 10 - 200]]
+
+
+def test_between_two_latents_a_linear_policy_acts_between_the_two() -> None:
+    observation = np.random.default_rng(0).normal(size=(5, 10))
+    latents = np.array([[0.5, -0.2, 0.1], [-0.5, 0.6, 0.3], [0.0, 0.2, 0.2]])
+    for recipe, between in ((LINEAR, True), (REACH, False)):
+        made = agent(recipe=recipe)
+        first, second, middle = (made.act(observation, np.tile(latent, (5, 1))) for latent in latents)
+        assert np.abs(first - second).max() > 0.01
+        assert (np.abs(middle - (first + second) / 2).max() < 1e-5) == between
 
 
 def test_an_actor_keeps_the_weights_it_was_made_with() -> None:
@@ -69,10 +88,14 @@ def test_the_policy_sees_observation_and_latent_and_nothing_else() -> None:
     made = agent()
     assert made.policy.body[0].in_features == 10 + 3
     assert made.value.body[0].in_features == 10 + 3 + 8, "the value function may know the skill"
+    informed = Agent(REACH, 10, 7, GOALS, privileged=4)
+    assert informed.value.body[0].in_features == 10 + 4 + 3 + 8, "and what only a simulation knows"
+    assert informed.policy.body[0].in_features == 10 + 3 and informed.inference.body[0].in_features == 6 * 10
     assert made.inference.body[0].in_features == 6 * 10
     same = np.ones((2, 10), dtype=np.float32)
     near, far = made.act(same, np.array([[0.5, 0, 0], [0.5, 0, 0]])), made.act(same, np.array([[0.5, 0, 0], [-0.5, 0, 0]]))
-    assert (near[0] == near[1]).all() and (far[0] != far[1]).any()
+    np.testing.assert_allclose(near[0], near[1], atol=1e-6, err_msg="up to rounding, which follows the row on some machines")
+    assert np.abs(far[0] - far[1]).max() > 0.01
 
 
 def test_an_agent_is_the_same_after_it_was_stored() -> None:
@@ -84,6 +107,23 @@ def test_an_agent_is_the_same_after_it_was_stored() -> None:
     np.testing.assert_array_equal(other.infer(np.ones((2, 6, 10))), made.infer(np.ones((2, 6, 10))))
     made.policy.log_std.data += 1
     assert (stored["policy.log_std"] == other.policy.log_std.detach().numpy()).all(), "what was stored is a copy"
+
+
+def test_what_only_the_value_function_sees_is_normalised_and_stored_beside_the_rest() -> None:
+    made, other = Agent(REACH, 10, 7, GOALS, privileged=2), Agent(REACH, 10, 7, GOALS, seed=5, privileged=2)
+    made.update_normalizers(torch.zeros(2, 10), torch.tensor([[1.0, 10], [3.0, 10]]))
+    normal = made.normalized_privileged(torch.tensor([[2.0, 10], [4.0, 10]]))  # mean 2 and 10, deviation 1 and 0
+    np.testing.assert_allclose(normal, [[0, 0], [2, 0]], atol=1e-4)
+    other.load(made.arrays())
+    inputs = torch.ones(3, 10), normal[:1].expand(3, 2), torch.zeros(3, 3), torch.zeros(3, 8)
+    np.testing.assert_array_equal(other.value(*inputs).detach(), made.value(*inputs).detach())
+    np.testing.assert_array_equal(other.normalized_privileged(torch.ones(1, 2)), made.normalized_privileged(torch.ones(1, 2)))
+
+
+def test_without_anything_privileged_the_agent_holds_no_trace_of_it() -> None:
+    made = agent()
+    assert not any("privileged" in name for name in made.arrays())
+    assert made.normalized_privileged(torch.zeros(5, 0)).shape == (5, 0)
 
 
 def test_weights_follow_the_seed() -> None:

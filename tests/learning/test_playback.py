@@ -87,7 +87,7 @@ def test_waypoints_must_be_met_in_order_and_the_last_one_held() -> None:
     def judged(path: list[float], *waypoints: float) -> bool:
         velocity = np.diff([0.0, *path])[None, :, None]
         line = np.array([[x, 0.0, 0.0] for x in waypoints])
-        recording = play_waypoints(Line([99.0]), act, velocity, np.zeros((1, len(path)), dtype=int), line)
+        recording = play_waypoints(Line([99.0]), act, velocity, np.zeros((1, len(path)), dtype=int), [line])
         np.testing.assert_array_equal(recording.target, line[-1:])
         return bool(recording.success[0])
 
@@ -106,3 +106,31 @@ def test_a_failed_episode_keeps_its_last_state_and_earns_nothing_more() -> None:
     assert recording.reward.tolist() == [[-1, -2, -3, -4], [-1, -2, 0, 0]]
     assert recording.action[1, :, 0].tolist() == [1, 1, 0, 0]
     assert recording.length.tolist() == [4, 2]
+
+
+def test_an_episode_that_gets_fewer_steps_rests_in_its_own_last_state_while_the_simulation_runs_on() -> None:
+    env = Line([2.0, 2.0, 4.0])
+    recording, observation = play(env, act, *held(1, 1, 1), np.array([2, 4, 4]))
+    assert recording.length.tolist() == [2, 4, 4]
+    assert recording.success.tolist() == [True, False, True], "each at its own end"
+    assert recording.gripper_position is not None
+    assert recording.gripper_position[0, :, 0].tolist() == [0, 1, 2, 2, 2]
+    assert recording.action[0, :, 0].tolist() == [1, 1, 0, 0] and recording.reward[0].tolist() == [-1, -2, 0, 0]
+    assert env.x.tolist() == [4, 4, 4] and observation[0, :, 0].tolist() == [0, 1, 2, 3, 4]
+
+
+def test_a_failure_behind_an_episodes_own_end_does_not_count() -> None:
+    steps = np.array([2, 3])
+    recording, _ = play(Line([2.0, 3.0], fails={0: 3, 1: 3}), act, *held(1, 1), steps)
+    assert recording.success.tolist() == [True, False]
+    assert recording.length.tolist() == [2, 3] and steps.tolist() == [2, 3], "what was asked is left alone"
+
+
+def test_each_simulation_has_its_own_waypoints_and_its_own_end() -> None:
+    def on(*x: float) -> Array:
+        return np.array([[each, 0.0, 0.0] for each in x])
+
+    env, steps = Line([0.0, 0.0, 0.0]), np.array([2, 4, 2])
+    recording = play_waypoints(env, act, *held(1, 1, 1), [on(1, 2), on(1, 3, 4), on(3)], steps)
+    np.testing.assert_array_equal(recording.target[:, 0], [2, 4, 3])
+    assert recording.success.tolist() == [True, True, False], "the third is passed only behind the end"

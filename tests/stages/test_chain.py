@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -77,6 +78,7 @@ def test_pretrain_reports_what_it_holds(chain: Path) -> None:
     assert arrays["evaluation/latent"].shape == (8, 4, 3), "the mean and three samples"
     np.testing.assert_array_equal(arrays["evaluation/latent"][:, 0], arrays["embedding/mean"])
     assert recording(artifact).episodes == 8 * 2, "the mean and one sample"
+    assert results["randomised"] is None, "nothing differed in training"
 
 
 def test_stored_skills_act_as_the_trained_ones_did(chain: Path) -> None:
@@ -91,12 +93,31 @@ def test_embed_means_plays_each_skill_at_its_mean(chain: Path) -> None:
     source, artifact = read(chain, "pretrain"), read(chain, "embed-means")
     path = recording(artifact)
     np.testing.assert_array_equal(artifact.arrays["embedding/mean"], source.arrays["embedding/mean"])
-    np.testing.assert_array_equal(path.skill, np.repeat(np.arange(8)[:, None], 16, axis=1))
-    np.testing.assert_allclose(path.latent[:, 0], source.arrays["embedding/mean"], atol=1e-6)
+    assert path.skill.shape == (8 + 12, 16), "eight corners and twelve edges"
+    np.testing.assert_array_equal(path.skill[:8], np.repeat(np.arange(8)[:, None], 16, axis=1))
+    np.testing.assert_allclose(path.latent[:8, 0], source.arrays["embedding/mean"], atol=1e-6)
     means, played = source.results["skills"], artifact.results["skills"]
     assert [s["final_distance_m"] for s in played] == pytest.approx([s["final_distance_m"] for s in means], abs=1e-6)
     low, high = artifact.arrays["embedding/bounds"]
     assert (low < artifact.arrays["embedding/mean"]).all() and (artifact.arrays["embedding/mean"] < high).all()
+
+
+def test_embed_means_plays_the_mean_of_neighbouring_latents_against_half_way_between_their_goals(chain: Path) -> None:
+    artifact = read(chain, "embed-means")
+    pairs, mean, goals = (artifact.arrays[name] for name in ("halfway/pair", "embedding/mean", "skills/goal"))
+    path = recording(artifact).select(slice(8, None))
+    assert [tuple(pair) for pair in pairs] == metrics.neighbours(goals) and len(pairs) == 12
+    assert (path.skill == -1).all(), "the mean of no skill"
+    np.testing.assert_allclose(path.latent[:, 0], (mean[pairs[:, 0]] + mean[pairs[:, 1]]) / 2, atol=1e-6)
+    np.testing.assert_allclose(path.target, (goals[pairs[:, 0]] + goals[pairs[:, 1]]) / 2)
+    start, end = path.judged[:, 0], path.judged[:, -1]
+    for row, found in enumerate(artifact.results["halfway"]):
+        assert (found["from"], found["to"]) == tuple(str(k + 1) for k in pairs[row])
+        assert found["final_distance_m"] == pytest.approx(np.linalg.norm(end[row] - path.target[row]))
+        assert found["moved_m"] == pytest.approx(end[row] - start[row])
+        moved, wanted = end[row] - start[row], path.target[row] - start[row]
+        assert found["direction_error_deg"] == pytest.approx(metrics.angle_deg(moved, wanted))
+        assert found["magnitude_ratio"] == pytest.approx(np.linalg.norm(moved) / np.linalg.norm(wanted))
 
 
 def test_the_plan_in_the_artifact_is_what_was_executed(chain: Path) -> None:
@@ -167,6 +188,13 @@ def test_bare_skills_can_be_transferred_too(chain: Path) -> None:
     np.testing.assert_array_equal(path.target, library.goals[path.skill[:, 0]])
     assert set(drawn["latency"].tolist()) == {0.0, 0.05}
     assert math.isfinite(float(metrics.final_distance(path).max()))
+
+
+def test_the_speed_of_an_approach_has_no_meaning_without_a_box_and_does_no_harm(chain: Path, tmp_path: Path) -> None:
+    store, source = Store(shutil.copytree(chain, tmp_path / "artifacts")), read(chain, "embed-means")
+    recipe = resolve(source.recipe, ["search.approach_speed=0.3"])
+    again = compose(store, source.id, recipe, Request.of(recipe, "", ()), "search", "test")
+    np.testing.assert_array_equal(again.arrays["plan/latent"], read(chain, "compose").arrays["plan/latent"])
 
 
 def test_a_request_completes_plane_goals_and_takes_the_recipes_where_nothing_is_asked() -> None:

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
@@ -61,6 +62,23 @@ def test_an_executed_path_has_the_colour_of_each_piece() -> None:
     scene = scenes.make("compose", "reach")
     drawn = [line for line in draw(scene).axes[0].lines if len(line.get_xdata()) > 2]
     assert [line.get_color() for line in drawn] == [look(piece.skill).color for piece in motion.pieces(scene, 0)]
+
+
+def test_the_nearest_passes_of_all_routes_stand_side_by_side() -> None:
+    scene = scenes.make("compose", "reach")
+    two = replace(
+        scene,
+        trajectories=scene.trajectories.select([0, 0]),
+        waypoint_route=np.array([0, 0, 0, 1]),
+        episode_route=np.array([0, 1]),
+        episode_labels=("there 1", "there 2"),
+    )
+    drawn = draw(two)
+    (panel,) = [axes for axes in drawn.axes if axes.get_title(loc="left") + axes.get_title() == "nearest pass while due"]
+    (points,) = [line for line in panel.lines if line.get_linestyle() == "None" and len(line.get_xdata()) == 4]
+    expected = 100 * np.concatenate([motion.closest(two, 0), motion.closest(two, 1)])
+    assert len(motion.closest(two, 0)) == 3 and np.allclose(points.get_ydata(), expected)
+    assert drawn.get_suptitle() == "reach/compose-v1   (n = 2 episodes, over time: there 1)"
 
 
 def test_goals_that_fall_together_share_a_label() -> None:

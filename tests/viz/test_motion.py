@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scenes
 
+from skillcli.trajectories import Trajectories
 from skillcli.viz import motion
 
 
@@ -39,7 +40,8 @@ def _along(points: list[float], waypoints: list[float]) -> motion.Scene:
         length=np.array([steps]),
     )
     spots = np.array([[x, 0.0, 0.0] for x in waypoints])
-    return replace(base, trajectories=data, waypoints=spots, tolerance=0.3)
+    route = np.zeros(len(spots), dtype=int)
+    return replace(base, trajectories=data, waypoints=spots, waypoint_route=route, tolerance=0.3)
 
 
 def test_the_nearest_pass_counts_only_while_due_and_the_last_waypoint_stays_due() -> None:
@@ -102,6 +104,48 @@ def test_labels_name_their_domain() -> None:
         "my lab",
         "nominal",
     ]
+
+
+def routed() -> motion.Scene:
+    """Two routes along x: one goes by 1 and 3, and the other, of two steps and a rest, by -1."""
+    first, second = _along([0.0, 0.9, 2.0, 2.8], [1.0, 3.0]), _along([0.0, -0.5, -0.8], [-1.0])
+    return replace(
+        first,
+        trajectories=Trajectories.join([first.trajectories, second.trajectories]),
+        waypoints=np.concatenate([first.waypoints, second.waypoints]),
+        waypoint_route=np.array([0, 0, 1]),
+        episode_route=np.array([0, 1]),
+        episode_labels=("there 1", "there 2"),
+    )
+
+
+def test_an_episode_is_measured_by_the_waypoints_of_its_own_route() -> None:
+    scene = routed()
+    assert motion.due_in(scene, 0)[:, 0].tolist() == [1, 3] and motion.due_in(scene, 1)[:, 0].tolist() == [-1]
+    assert motion.distance(scene, 0) == pytest.approx([1, 0.1, 1, 0.2])
+    assert motion.distance(scene, 1) == pytest.approx([1, 0.5, 0.2]), "and to its own end"
+    assert motion.closest(scene, 0) == pytest.approx([0.1, 0.2]) and motion.closest(scene, 1) == pytest.approx([0.2])
+    assert motion.reached(scene, 0).tolist() == [0, 0.5, 0.5, 1] and motion.reached(scene, 1).tolist() == [0, 0, 1]
+
+
+def test_a_transfer_runs_the_routes_in_turn() -> None:
+    scene = routed()
+    again = replace(
+        scene,
+        kind="transfer-eval",
+        trajectories=scene.trajectories.select([1, 0, 1]),
+        episode_route=np.array([1, 0, 1]),
+        episode_labels=("nominal 0", "nominal 1", "nominal 2"),
+    )
+    assert [motion.closest(again, episode).tolist() for episode in range(3)] == [
+        pytest.approx([0.2]), pytest.approx([0.1, 0.2]), pytest.approx([0.2]),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["waypoint_route", "episode_route"])
+def test_a_scene_refuses_routes_that_do_not_match(name: str) -> None:
+    with pytest.raises(ValueError, match=rf"{name} has 5 rows, expected \d"):
+        replace(routed(), **{name: np.zeros(5, dtype=int)})
 
 
 def test_a_scene_refuses_labels_that_do_not_match_its_episodes() -> None:

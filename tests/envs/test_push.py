@@ -1,0 +1,316 @@
+"""The push: a box that rests, slides, is pushed and gets lost as a real one does, and what is earned for it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from skillcli.envs.push import LOST, PushEnvironment
+from skillcli.recipe import PushTask
+from skillcli.trajectories import Array
+
+TASK = PushTask()
+PAPER = PushTask(box_size=(0.11, 0.11, 0.13), start=(-0.3029, -1.1241, 0.0478, 1.7676, -0.0258, 0.928, 2.9807))
+GRAVITY = 9.81
+SUNK = 2e-3  # m, deeper does its own weight not press a box into the table
+
+# Joint vectors with the finger straight down, rad.
+LOW = (-0.3136, -0.9103, 0.0646, 1.8058, -0.0633, 0.6773, 3.0111)  # 3 cm above the table at (.6, 0)
+BESIDE = (LOW[0] - 0.15, *LOW[1:])  # turned about the base: 9 cm to the right of there
+ABOVE = (-0.3102, -0.9977, 0.0591, 1.8036, -0.0462, 0.7663, 2.9975)  # 7.5 cm above the table at (.6, 0)
+BELOW = (-0.3131, -0.6236, 0.0646, 1.7316, -0.1169, 0.4665, 3.0523)  # 10 cm below the top of the table there
+
+
+def everyone(env: PushEnvironment) -> Array:
+    return np.arange(env.num)
+
+
+def still(env: PushEnvironment, steps: int) -> Array:
+    """Leave the arms where they are; poses of the boxes, (T, N, 7)."""
+    return moved(env, np.zeros((steps, 7)))
+
+
+def moved(env: PushEnvironment, actions: Array) -> Array:
+    """Every arm does the same; poses of the boxes, (T, N, 7)."""
+    poses = []
+    for action in actions:
+        assert not env.step(np.tile(action, (env.num, 1))).terminated.any()
+        poses.append(env.arms.object_pose.copy())
+    return np.stack(poses)
+
+
+def sliding(speeds: list[float], task: PushTask = TASK, direction: tuple[float, float] = (0.0, 1.0)) -> PushEnvironment:
+    """Boxes at rest on the table, but for these speeds, m/s."""
+    env = PushEnvironment(task, len(speeds))
+    env.arms.object_velocity[:, :2] = np.outer(speeds, direction)
+    return env
+
+
+def depth(env: PushEnvironment, slot: int = 0) -> float:
+    """How deep anything is in anything else, m: MuJoCo's own contacts for the state of a simulation."""
+    model = env.arms.model
+    data = mujoco.MjData(model)
+    data.qpos[:] = env.arms.batch.bind("qpos")[slot]
+    mujoco.mj_forward(model, data)
+    return float(-min(data.contact.dist, default=0.0))
+
+
+def test_the_finger_starts_clear_above_the_box() -> None:
+    env = PushEnvironment(TASK, 1)
+    np.testing.assert_allclose(env.arms.gripper_position[0, 1:], [0, 0.14], atol=2e-3)
+    assert np.linalg.norm(env.arms.gripper_position[0, :2] - TASK.box_start) < 0.06
+    np.testing.assert_allclose(env.arms.object_pose[0], [0.6, 0, 0.03, 1, 0, 0, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("task", [TASK, PAPER], ids=["ours", "the paper's"])
+def test_a_box_at_rest_stays_at_rest_while_the_arm_stays_away(task: PushTask) -> None:
+    env = PushEnvironment(task, 2)
+    start = env.arms.object_pose.copy()
+    assert start[0, 2] == pytest.approx(task.box_size[2] / 2) and depth(env) < 1e-6
+    still(env, 10)
+    settled = env.arms.object_pose.copy()
+    np.testing.assert_allclose(settled[:, :2], start[:, :2], atol=1e-5)
+    assert (np.abs(settled[:, 2] - start[:, 2]) < SUNK).all()
+    poses = still(env, 60)
+    np.testing.assert_allclose(poses, np.broadcast_to(settled, poses.shape), atol=1e-5)
+    assert np.abs(env.arms.object_velocity).max() < 1e-4, "and gains no kinetic energy"
+
+
+@pytest.mark.parametrize("direction", [(1.0, 0.0), (0.0, 1.0), (0.7071, -0.7071)])
+def test_friction_stops_a_sliding_box_within_the_distance_of_coulomb_in_every_direction(direction: tuple[float, float]) -> None:
+    speeds = [0.2, 0.4, 0.7]
+    env = sliding(speeds, direction=direction)
+    poses = still(env, 20)
+    gone = (poses[-1, :, :2] - TASK.box_start) @ np.array(direction)
+    # v^2 / (2 mu g): 3.4, 13.6 and 41.6 mm
+    np.testing.assert_allclose(gone, np.square(speeds) / (2 * TASK.friction * GRAVITY), rtol=0.2)
+    assert np.abs(env.arms.object_velocity).max() < 1e-3
+    aside = (poses[-1, :, :2] - TASK.box_start) @ np.array([-direction[1], direction[0]])
+    assert np.abs(aside).max() < 1e-3
+
+
+@pytest.mark.parametrize("friction", [0.3, 0.6, 0.8])
+def test_the_recipes_friction_acts(friction: float) -> None:
+    env = sliding([0.4], PushTask(friction=friction))
+    gone = still(env, 20)[-1, 0, 1]
+    assert gone == pytest.approx(0.4**2 / (2 * friction * GRAVITY), rel=0.2)
+
+
+def test_friction_of_the_robot_at_hand_acts_in_its_own_simulation() -> None:
+    env = PushEnvironment(TASK, 3)
+    env.perturb({"contact_friction": np.array([0.5, 1.0, 1.4])}, np.random.default_rng(0))
+    env.reset(everyone(env), np.zeros(3, dtype=np.int64))
+    env.arms.object_velocity[:, 1] = 0.4
+    gone = still(env, 20)[-1, :, 1]
+    np.testing.assert_allclose(gone, 0.4**2 / (2 * TASK.friction * np.array([0.5, 1.0, 1.4]) * GRAVITY), rtol=0.2)
+
+
+def test_the_box_is_pushed_by_the_finger_and_stopped_by_friction() -> None:
+    env = PushEnvironment(PushTask(start=BESIDE), 1)
+    turn = np.array([0.5, 0, 0, 0, 0, 0, 0])  # 1.2 cm of the finger per control step, to the left
+    untouched = moved(env, np.tile(turn, (3, 1)))
+    np.testing.assert_allclose(untouched[:, 0, :2], np.tile(TASK.box_start, (3, 1)), atol=1e-3, err_msg="not there yet")
+    pushed = moved(env, np.tile(turn, (9, 1)))
+    ahead = pushed[:, 0, 1] - env.arms.gripper_position[0, 1]
+    assert pushed[-1, 0, 1] > 0.05 and ahead[-1] > 0.03, "in front of the finger"
+    still(env, 10)
+    rest = env.arms.object_pose[:, :3].copy()
+    assert rest[0, 1] > 0.05 and abs(rest[0, 0] - 0.6) < 0.03
+    assert rest[0, 2] == pytest.approx(0.03, abs=SUNK), "on the table"
+    assert np.abs(still(env, 20)[..., :3] - rest).max() < 1e-3, "it stays where it was pushed to"
+
+
+@pytest.mark.parametrize("task", [PushTask(start=ABOVE), PushTask(start=ABOVE, box_mass=3.0)], ids=["light", "heavy"])
+def test_the_finger_does_not_sink_into_the_box_when_it_presses_with_all_its_strength(task: PushTask) -> None:
+    env = PushEnvironment(task, 1)
+    command = env.arms.batch.bind("ctrl")
+    deepest, led = 0.0, 0.0
+    for _ in range(40):
+        way = (np.array([BELOW]) - command) / env.arms.action_limit
+        env.step(way / max(1.0, np.abs(way).max()))  # all joints in step, so that the finger goes straight down
+        deepest = max(deepest, depth(env))
+        led = max(led, float(np.abs(command - env.arms.joint_position).max()))
+    assert led > 0.1, "it was held up"
+    assert env.arms.gripper_position[0, 2] > 0.05, "by the box"
+    assert deepest < 0.003
+
+
+@pytest.mark.parametrize(
+    ("what", "index", "number"),
+    [
+        ("off the table", 0, 1.3),
+        ("below the table", 2, -0.1),
+        ("in the air", 2, 0.12),
+        ("thrown", "velocity", 5.0),
+        ("shot", "velocity", 1e4),
+        ("lost", "velocity", np.nan),
+        ("nowhere", 1, np.inf),
+    ],
+)
+def test_a_lost_box_ends_the_episode_and_lies_at_the_start_again(
+    what: str, index: Any, number: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its warnings into a file where it stands
+    env, calm = PushEnvironment(TASK, 3), PushEnvironment(TASK, 3)
+    if index == "velocity":
+        env.arms.object_velocity[1, 0] = number
+    else:
+        env.arms.object_pose[1, index] = number
+    action = np.random.default_rng(0).uniform(-1, 1, (3, 7))
+    for _ in range(4):
+        step, expected = env.step(action), calm.step(action)
+        assert np.isfinite(step.observation).all() and np.isfinite(step.reward).all()
+        np.testing.assert_array_equal(step.observation[[0, 2]], expected.observation[[0, 2]])
+        if step.terminated.any():
+            break
+    assert step.terminated.tolist() == [False, True, False], what
+    assert step.reward[1] == LOST < 10 * step.reward[0] < 0, "worse than going on for a while"
+    np.testing.assert_array_equal(env.arms.object_pose[1], [0.6, 0, 0.03, 1, 0, 0, 0])
+    assert (env.arms.object_velocity[1] == 0).all() and np.isfinite(env.save(everyone(env))).all()
+    assert not env.step(action).terminated.any() and np.isfinite(env.privileged()).all()
+
+
+def test_pushing_fast_is_not_throwing() -> None:
+    env = sliding([0.9])
+    still(env, 10)
+    assert env.judged()[0, 1] > 0.05
+
+
+# box, target, point behind the box; the box is 6 cm wide, so the point lies 4.5 cm from its centre
+BEHIND = [
+    ((0.6, 0.0), (0.75, 0.0), (0.555, 0.0)),
+    ((0.6, 0.0), (0.45, 0.0), (0.645, 0.0)),
+    ((0.7, 0.1), (0.7, 0.0), (0.7, 0.145)),
+    ((0.6, 0.0), (0.63, 0.04), (0.573, -0.036)),
+    ((0.6, 0.0), (0.6, 0.0), (0.6, 0.0)),
+]
+
+
+@pytest.mark.parametrize(("box", "target", "behind"), BEHIND)
+def test_the_point_behind_the_box_is_on_its_far_side_from_the_goal(
+    box: tuple[float, float], target: tuple[float, float], behind: tuple[float, float]
+) -> None:
+    env = PushEnvironment(TASK, 1)
+    env.arms.object_pose[:, :2], env.target[:, :2] = box, target
+    np.testing.assert_allclose(env.behind(), [[*behind, 0.03]], atol=1e-9)
+
+
+# distance of box and goal, distance of finger and the point behind the box, reward
+EARNED = [
+    (0.1, 0.0, -0.2),  # -2 * 0.1
+    (0.1, 0.2, -0.3),  # and -0.5 * 0.2
+    (0.05, 0.2, -0.2),  # at the rim nothing is earned yet
+    (0.03, 0.2, -0.04),  # -2 * 0.03 - 0.5 * 0.2 + 0.3 * 2 / 5
+    (0.015, 0.0, 0.18),  # -2 * 0.015 + 0.3 * 3.5 / 5
+    (0.015, 0.2, 0.13),  # and half of the approach, which fades over the last 3 cm: -0.5 * 0.2 / 2
+    (0.0, 0.2, 0.3),  # there: where the finger is does not matter
+]
+
+
+@pytest.mark.parametrize(("distance", "finger", "reward"), EARNED)
+def test_what_is_earned_follows_from_two_distances(distance: float, finger: float, reward: float) -> None:
+    env = PushEnvironment(TASK, 1)
+    # the box so that the finger is 4.5 cm west of it, and `finger` below; the goal east of it
+    env.arms.object_pose[:, :3] = env.arms.gripper_position + np.array([0.045, 0, finger])
+    env.target[:, :2] = env.arms.object_pose[:, :2] + np.array([distance, 0])
+    if distance:
+        assert np.linalg.norm(env.arms.gripper_position - env.behind()) == pytest.approx(finger)
+    assert env.reward() == pytest.approx([reward])
+
+
+def test_the_recipes_box_is_in_the_model() -> None:
+    env = PushEnvironment(PushTask(box_size=(0.1, 0.04, 0.06), box_mass=1.2, friction=0.5, box_start=(0.7, 0.1)), 1)
+    box, geom = env.arms.model.body("box"), env.arms.model.geom("box")
+    assert geom.size.tolist() == pytest.approx([0.05, 0.02, 0.03]) and float(box.mass[0]) == pytest.approx(1.2)
+    # of an evenly filled box, m / 12 (b^2 + c^2); in the order of MuJoCo, the largest first
+    assert sorted(box.inertia) == pytest.approx(sorted([0.1 * (0.04**2 + 0.06**2), 0.1 * (0.1**2 + 0.06**2), 0.1 * 0.0116]))
+    assert geom.friction[0] == pytest.approx(0.5)
+    np.testing.assert_allclose(env.arms.object_pose[0], [0.7, 0.1, 0.03, 1, 0, 0, 0])
+
+
+def test_goals_are_displacements_from_the_nominal_start() -> None:
+    env = PushEnvironment(PushTask(box_start=(0.55, 0.1), goals=((0.15, 0), (0, -0.1)), names=()), 2)
+    env.reset(everyone(env), np.array([1, 0]))
+    np.testing.assert_allclose(env.goals, [[0.7, 0.1, 0], [0.55, 0, 0]])
+    np.testing.assert_allclose(env.target, [[0.55, 0, 0], [0.7, 0.1, 0]])
+
+
+def test_the_box_is_judged_in_the_plane_and_seen_from_the_finger() -> None:
+    env = PushEnvironment(TASK, 1)
+    env.arms.object_pose[0, :3] = [0.62, 0.05, 0.04]
+    assert env.judged().tolist() == [[0.62, 0.05, 0]]
+    gripper = env.arms.gripper_position[0].copy()
+    np.testing.assert_allclose(env.observe()[0, 7:], gripper - [0.62, 0.05, 0.04], atol=1e-6)
+    np.testing.assert_allclose(env.landmarks(), [[[0.62, 0.05, 0], gripper]])
+    assert env.snapshot()["object_pose"].tolist() == [[0.62, 0.05, 0.04, 1, 0, 0, 0]]
+
+
+def perturbed(num: int, **parameters: Any) -> PushEnvironment:
+    env = PushEnvironment(TASK, num, delay="latency" in parameters)
+    env.perturb({name: np.array(values) for name, values in parameters.items()}, np.random.default_rng(0))
+    env.reset(everyone(env), np.zeros(num, dtype=np.int64))
+    return env
+
+
+def test_a_box_may_start_elsewhere_and_the_goal_stays() -> None:
+    env = perturbed(2, object_offset=[[0.1, -0.05], [0, 0]])
+    np.testing.assert_allclose(env.judged(), [[0.7, -0.05, 0], [0.6, 0, 0]])
+    np.testing.assert_allclose(env.target, [[0.75, 0, 0], [0.75, 0, 0]])
+    env.arms.object_pose[0, 0] = 1.3
+    while not env.step(np.zeros((2, 7))).terminated[0]:
+        pass
+    np.testing.assert_allclose(env.judged()[0], [0.7, -0.05, 0], err_msg="a lost one comes back to its own start")
+
+
+def test_a_box_stands_on_a_higher_or_lower_table_and_rests_there() -> None:
+    env = perturbed(3, table_height=[0.005, 0.0, -0.005])
+    expected = [0.035, 0.03, 0.025]
+    np.testing.assert_allclose(env.arms.object_pose[:, 2], expected)
+    poses = still(env, 20)
+    np.testing.assert_allclose(poses[-1, :, 2], expected, atol=SUNK)
+    np.testing.assert_allclose(poses[-1, :, 2] - poses[-1, 1, 2], [0.005, 0, -0.005], atol=1e-5)
+    np.testing.assert_allclose(env.behind()[:, 2], poses[-1, :, 2])
+    assert np.abs(env.arms.object_velocity).max() < 1e-3
+
+
+def test_the_arm_may_start_elsewhere_and_the_box_does_not_follow() -> None:
+    offset = np.zeros((2, 7))
+    offset[1, 0] = 0.1
+    env = perturbed(2, start_offset=offset)
+    np.testing.assert_allclose(env.arms.joint_position - np.array(TASK.start), offset, atol=1e-12)
+    assert env.arms.gripper_position[1, 1] == pytest.approx(0.6 * 0.1, rel=0.1)
+    np.testing.assert_allclose(env.judged(), [[0.6, 0, 0]] * 2)
+
+
+def test_a_heavier_box_has_its_own_mass_in_its_own_simulation() -> None:
+    env = perturbed(2, object_mass=[1.0, 10.0])
+    env.arms.place(everyone(env), np.tile(BESIDE, (2, 1)), env.place_object(everyone(env)))
+    for _ in range(12):
+        env.step(np.tile([0.5, 0, 0, 0, 0, 0, 0], (2, 1)))
+    light, heavy = env.judged()[:, 1]
+    assert light > heavy > 0.03
+
+
+def test_the_value_function_may_know_goal_box_approach_and_robot() -> None:
+    gain = np.ones((2, 7))
+    gain[1, 0] = 1.7  # 1.1 in the mean
+    env = perturbed(2, gain=gain, contact_friction=[1.0, 0.8], object_mass=[1.0, 1.3], latency=[0.0, 0.1])
+    env.arms.object_pose[:, :2] = [0.65, 0.0]
+    env.arms.object_velocity[1, :2] = [0.2, -0.1]
+    goal, speed, approach, robot = np.split(env.privileged(), [2, 4, 7], axis=1)
+    np.testing.assert_allclose(goal, [[0.1, 0]] * 2, atol=1e-6)
+    np.testing.assert_allclose(speed, [[0.0, 0], [0.2, -0.1]], atol=1e-6)
+    np.testing.assert_allclose(approach, env.arms.gripper_position - [0.605, 0, 0.03], atol=1e-6)
+    np.testing.assert_allclose(robot, [[1.0, 1, 1, 0], [0.8, 1.3, 1.1, 2]], atol=1e-6)
+    assert (PushEnvironment(TASK, 1).privileged()[0, 7:] == [1, 1, 1, 0]).all(), "the nominal robot"
+
+
+def test_the_policy_sees_neither_speed_nor_goal_nor_robot() -> None:
+    env, other = PushEnvironment(TASK, 1), perturbed(1, contact_friction=[0.5], object_mass=[2.0])
+    other.target[:, 1] = 0.3
+    other.arms.object_velocity[:] = 0.1
+    np.testing.assert_array_equal(env.observe(), other.observe())
