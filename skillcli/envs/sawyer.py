@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from pathlib import Path
 
 import mujoco
@@ -43,7 +44,7 @@ def arm_spec(timestep: float, delay: bool = False) -> mujoco.MjSpec:
     spec = mujoco.MjSpec.from_file(str(MODEL_FILE))
     spec.option.timestep = timestep
     for actuator in spec.actuators:
-        actuator.nsample = round(DELAY_HISTORY / timestep) if delay else 0
+        actuator.nsample = 1 + math.ceil(DELAY_HISTORY / timestep) if delay else 0
     table = spec.worldbody.add_body(name="table", pos=[*TABLE_CENTRE, TABLE_TOP - TABLE_HALF_SIZE[2]])
     table.add_geom(
         name="table",

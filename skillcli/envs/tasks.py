@@ -135,7 +135,7 @@ def check_goal(task: Task, goal: Array) -> None:
             raise UsageError(f"goal {shown} is out of bounds", f"both coordinates must lie within ±{task.bound:g} m")
         return
     if isinstance(task, PushTask):
-        _check_on_table(task, goal, shown)
+        _check_on_table(task, goal)
     distance = float(np.linalg.norm(goal - sawyer.SHOULDER))
     if distance > sawyer.LONGEST_REACH:
         raise UsageError(
@@ -151,13 +151,13 @@ def check_goal(task: Task, goal: Array) -> None:
         raise UsageError(f"goal {shown} lies below the table", f"the table top is at z = {sawyer.TABLE_TOP:g} m")
 
 
-def _check_on_table(task: PushTask, goal: Array, shown: str) -> None:
+def _check_on_table(task: PushTask, goal: Array) -> None:
     half_box = max(task.box_size[:2]) / 2
     room = np.array(sawyer.TABLE_HALF_SIZE[:2]) - half_box
     if (np.abs(goal[:2] - sawyer.TABLE_CENTRE) > room).any():
         low, high = (sawyer.TABLE_CENTRE + sign * room - task.box_start for sign in (-1, 1))
         raise UsageError(
-            f"goal {shown} leaves no room for the box on the table",
+            f"displacement {_listed(goal[:2] - task.box_start)} leaves no room for the box on the table",
             f"displacements lie between {_listed(low)} and {_listed(high)} m",
         )
 

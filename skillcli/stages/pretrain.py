@@ -169,17 +169,21 @@ def evaluate_randomised(recipe: Recipe, agent: Agent, seed: int, threads: int = 
         return None
     mean, _ = agent.embed()
     skill = np.tile(np.arange(len(mean)), 1 + recipe.evaluation.latents)
-    env = make(recipe.task, len(skill), threads, delay="latency" in ranges)
     rng = generator(seed, "evaluation on other robots")
-    env.perturb(sample(ranges, env.num, rng), rng)
-    env.reset(np.arange(env.num), skill)
-    fed = np.repeat(skill[:, None], env.horizon, axis=1)
-    recording, _ = play(env, agent.act, np.repeat(mean[skill][:, None], env.horizon, axis=1), fed)
+    drawn, recordings = sample(ranges, len(skill), rng), []
+    for first in range(0, len(skill), MAX_SIMULATIONS):
+        part = slice(first, first + MAX_SIMULATIONS)
+        env = make(recipe.task, len(skill[part]), threads, delay="latency" in ranges)
+        env.perturb({name: values[part] for name, values in drawn.items()}, rng)
+        env.reset(np.arange(env.num), skill[part])
+        latent, fed = (np.repeat(each[part][:, None], env.horizon, axis=1) for each in (mean[skill], skill))
+        recordings.append(play(env, agent.act, latent, fed)[0])
+    recording = Trajectories.join(recordings)
     successes = int(recording.success.sum())
     return {
-        "episodes": env.num,
-        "success_rate": successes / env.num,
-        "ci95": list(metrics.wilson_interval(successes, env.num)),
+        "episodes": recording.episodes,
+        "success_rate": successes / recording.episodes,
+        "ci95": list(metrics.wilson_interval(successes, recording.episodes)),
         "final_distance_m": metrics.distance_summary(metrics.final_distance(recording)),
     }
 

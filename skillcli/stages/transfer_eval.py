@@ -35,7 +35,10 @@ class Script:
         """The script of a compose artifact, or of the skills of any other kind; one episode each where no number is given."""
         if source.kind == "compose":
             trajectory, route = source.group("trajectories"), source.arrays["waypoints/route"]
-            latents, skills, steps = trajectory["latent"], trajectory["skill"], trajectory["length"]
+            latents, skills = trajectory["latent"], trajectory["skill"]
+            period = library.recipe.task.control_period  # a route that failed in the source is sent whole all the same
+            seconds = np.bincount(source.arrays["plan/route"], weights=source.arrays["plan/seconds"])
+            steps = np.round(seconds / period).astype(np.int64)
             target = source.arrays["waypoints/target"]
             waypoints = [target[route == index] for index in range(len(latents))]
         else:
