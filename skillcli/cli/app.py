@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from skillcli import __version__
-from skillcli.cli import inspect, learn, shelf
+from skillcli.cli import inspect, keep, learn, shelf
 from skillcli.cli.session import Session
 from skillcli.errors import SkillError
 
@@ -48,6 +48,7 @@ def options(
 learn.register(app)
 inspect.register(app)
 shelf.register(app)
+keep.register(app)
 
 
 def main() -> None:
@@ -77,7 +78,7 @@ def _fail(kind: str, message: str, hint: str, code: int) -> None:
         import traceback
 
         traceback.print_exc()
-    flat = " ".join(message.split())
+    flat = "".join(mark if mark.isprintable() else "?" for mark in " ".join(message.split()))
     if "--json" in sys.argv:
         print(json.dumps({"error": {"type": kind, "message": flat, "hint": hint}}))
     print(f"error: {flat}" + (f"\n hint: {hint}" if hint else ""), file=sys.stderr)
