@@ -84,7 +84,7 @@ def read_owner(path: Path) -> Owner | None:
     try:
         with path.open("rb") as file:
             owner = Owner(**json.loads(file.read(1 << 16)))
-    except (OSError, ValueError, TypeError):
+    except (OSError, ValueError, TypeError, RecursionError):
         return None
     return owner if isinstance(owner.pid, int) and isinstance(owner.since, int | float) else None
 
