@@ -19,7 +19,7 @@ DTYPES = frozenset(["|b1", "|i1", "<i2", "<i4", "<i8", "|u1", "<u2", "<u4", "<u8
 PATH = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+=-]*(/[A-Za-z0-9_][A-Za-z0-9_.+=-]*){0,7}", re.ASCII)
 
 MAX_BYTES = 1 << 30  # of all arrays together
-MAX_OBJECTS = 2000  # a large artifact has a hundred
+MAX_OBJECTS = 1000  # a large artifact has a hundred
 MAX_CHUNKS = 4000
 MAX_ATTRIBUTES = 16  # of one object
 MAX_ATTRIBUTE_BYTES = 1 << 12

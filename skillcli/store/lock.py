@@ -56,13 +56,13 @@ class Owner:
 
 
 @contextmanager
-def locked(root: Path, *, take_over: bool = False, patience: float = PATIENCE_SECONDS) -> Iterator[None]:
+def locked(root: Path, *, take_over: bool = False, patience: float | None = None) -> Iterator[None]:
     """Hold the lock of the store at `root`.
 
     Args:
         root: the store's folder, created where needed.
         take_over: for work that must not be lost: after `ABANDONED_SECONDS` of the same owner, take the lock from it.
-        patience: seconds to wait for one owner otherwise.
+        patience: seconds to wait for one owner otherwise; `PATIENCE_SECONDS` where none are given.
 
     Raises:
         StoreError: somebody else keeps it, or the folder cannot be written.
@@ -70,7 +70,8 @@ def locked(root: Path, *, take_over: bool = False, patience: float = PATIENCE_SE
     path = root / LOCK
     with storage_errors(f"lock {root}"):
         make_folder(root)
-        token = _acquire(path, take_over, ABANDONED_SECONDS if take_over else patience)
+        waiting = PATIENCE_SECONDS if patience is None else patience
+        token = _acquire(path, take_over, ABANDONED_SECONDS if take_over else waiting)
     try:
         yield
     finally:

@@ -146,7 +146,7 @@ def test_export_and_import_move_a_chain(store: Path, tmp_path: Path, monkeypatch
 
 
 def test_a_lock_that_was_left_behind_is_explained_and_removed(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("skillcli.store.lock.locked.__kwdefaults__", {"take_over": False, "patience": 0.01})
+    monkeypatch.setattr("skillcli.store.lock.PATIENCE_SECONDS", 0.01)
     owner = {"token": "t", "host": "far", "machine": "m", "pid": 7, "started": "1", "command": "skill gc", "since": 0.0}
     (store / ".lock").write_text(json.dumps(owner))
     refused = skill("--store", store, "--json", "rm", "tiny/transfer-eval-v1")
@@ -165,7 +165,7 @@ def complete(store: Path, *words: str) -> tuple[list[str], set[str]]:
         "from skillcli.cli.app import app\n"
         "try: app(prog_name='skill')\n"
         "except SystemExit: pass\n"
-        "print({'numpy', 'h5py', 'torch', 'pydantic'} & set(sys.modules), file=sys.stderr)"
+        "print({'numpy', 'h5py', 'torch'} & set(sys.modules), file=sys.stderr)"
     )
     settings = {"_SKILL_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(len(words) + 2)}
     done = subprocess.run(

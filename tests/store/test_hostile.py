@@ -175,7 +175,7 @@ def _odd_name(file: h5py.File) -> None:
 
 
 def _many(file: h5py.File) -> None:
-    for i in range(2001):
+    for i in range(1001):
         file.create_group(f"skills/{i}")
 
 
@@ -222,7 +222,7 @@ HOSTILE: dict[Callable[[h5py.File], None], str] = {
     _long_text_attribute: "neither an integer nor a text",
     _not_utf8: "cannot read",
     _odd_name: "not a path",
-    _many: "more than 2000 objects",
+    _many: "more than 1000 objects",
     _attribute_differs: "disagree about seed",
     _no_record: "lacks record/recipe",
     _other_recipe: "disagree about recipe",
@@ -241,7 +241,7 @@ def _many_chunks(file: h5py.File) -> None:
 
 
 def _many_objects(file: h5py.File) -> None:
-    for i in range(1900):
+    for i in range(950):
         item = file.create_dataset(f"embedding/more{i}", data=np.zeros(1))
         for j in range(8):
             item.attrs.create(f"a{j}", np.int64(j))
