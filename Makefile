@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: install demo test check bench clean
+.PHONY: install demo test fuzz check bench clean
 
 install: .venv/installed
 
@@ -17,6 +17,9 @@ demo: install  # the main job: train eight reach skills on the Sawyer, compose, 
 
 test: install
 	$(BIN)/python -m pytest
+
+fuzz: install  # random damage to stored files, for about a minute; `make test` tries a little of it
+	SKILL_FUZZ=400 $(BIN)/python -m pytest tests/store/test_fuzz.py
 
 check: install  # lint, format, types; the import rules are tests/test_imports.py
 	$(BIN)/ruff check .

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import json
+import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from types import FrameType
+from typing import Annotated, NoReturn
 
 import typer
 
 from skillcli import __version__
-from skillcli.cli import inspect, learn, shelf
+from skillcli.cli import inspect, keep, learn, shelf
 from skillcli.cli.session import Session
 from skillcli.errors import SkillError
 
@@ -48,13 +52,16 @@ def options(
 learn.register(app)
 inspect.register(app)
 shelf.register(app)
+keep.register(app)
 
 
 def main() -> None:
     """Run the command line; every failure ends as one line and an exit code."""
     arguments = sys.argv[1:]
+    interrupt = Interrupt()
     try:
-        code = app(args=arguments, standalone_mode=False)
+        with interrupt.taken():
+            code = app(args=arguments, standalone_mode=False)
         if code == 130:  # typer's own way of saying that Ctrl-C was pressed
             raise KeyboardInterrupt
         sys.exit(code if isinstance(code, int) else 0)
@@ -64,20 +71,50 @@ def main() -> None:
         hint = "see `skill --help`" if error.exit_code == 2 else ""
         _fail("UsageError", error.format_message(), hint, error.exit_code)
     except (KeyboardInterrupt, typer.Abort):
-        _fail("Interrupted", "interrupted", "finished stages are in the store; a training goes on with --resume", 130)
+        _fail(*INTERRUPTED)
     except BrokenPipeError:  # the reader of a pipe went away: nothing to say, and nobody to say it to
         sys.stderr.close()
         sys.exit(1)
     except Exception as error:  # a defect of ours: one line, unless the traceback is asked for
+        if interrupt.pressed:  # extension modules make an error of their own of Ctrl-C while they load
+            _fail(*INTERRUPTED)
         _fail(type(error).__name__, f"unexpected: {error}", "a defect of skill; --debug shows where", 1)
 
 
-def _fail(kind: str, message: str, hint: str, code: int) -> None:
+INTERRUPTED = ("Interrupted", "interrupted", "finished stages are in the store; a training goes on with --resume", 130)
+
+
+class Interrupt:
+    """Ctrl-C as an exception, remembered: not everything that it passes through leaves it as it is."""
+
+    def __init__(self) -> None:
+        self.pressed = False
+
+    def __call__(self, _: int, __: FrameType | None) -> None:
+        """Take a signal."""
+        self.pressed = True
+        raise KeyboardInterrupt
+
+    @contextmanager
+    def taken(self) -> Iterator[None]:
+        """Take Ctrl-C inside the block; outside the main thread, where signals do not arrive, nothing changes."""
+        try:
+            before = signal.signal(signal.SIGINT, self)
+        except ValueError:
+            yield
+            return
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, before)
+
+
+def _fail(kind: str, message: str, hint: str, code: int) -> NoReturn:
     if "--debug" in sys.argv and sys.exc_info()[0] is not None and code == 1:
         import traceback
 
         traceback.print_exc()
-    flat = " ".join(message.split())
+    flat = "".join(mark if mark.isprintable() else "?" for mark in " ".join(message.split()))
     if "--json" in sys.argv:
         print(json.dumps({"error": {"type": kind, "message": flat, "hint": hint}}))
     print(f"error: {flat}" + (f"\n hint: {hint}" if hint else ""), file=sys.stderr)

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
+from skillcli.cli import complete
 from skillcli.cli.learn import MADE_FROM
 from skillcli.cli.session import Session
 from skillcli.errors import SkillError
@@ -29,7 +30,7 @@ def register(app: typer.Typer) -> None:
 
 def viz(
     context: typer.Context,
-    source: Annotated[str | None, typer.Argument(metavar="[ID]", help=MADE_FROM)] = None,
+    source: Annotated[str | None, typer.Argument(metavar="[ID]", help=MADE_FROM, autocompletion=complete.ids)] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="The recording.", metavar="FILE.rrd")] = None,
     png: Annotated[Path | None, typer.Option("--png", help="Also draw a figure, no viewer needed.", metavar="FILE")] = None,
     open_viewer: Annotated[bool, typer.Option("--open", help="Open the recording in the rerun viewer.")] = False,

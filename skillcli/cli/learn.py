@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from skillcli.cli import complete
 from skillcli.cli.session import Session
 from skillcli.errors import UsageError
 
@@ -71,7 +72,7 @@ def pretrain(
 
 def embed_means(
     context: typer.Context,
-    source: Annotated[str | None, typer.Argument(metavar="[ID]", help=MADE_FROM)] = None,
+    source: Annotated[str | None, typer.Argument(metavar="[ID]", help=MADE_FROM, autocompletion=complete.ids)] = None,
     name: Name = None,
 ) -> None:
     """Take the mean latent of each skill, measure how well they are separated, and play each one."""
@@ -85,7 +86,7 @@ def embed_means(
 
 def compose(
     context: typer.Context,
-    source: Annotated[str | None, typer.Argument(metavar="[ID]", help=MADE_FROM)] = None,
+    source: Annotated[str | None, typer.Argument(metavar="[ID]", help=MADE_FROM, autocompletion=complete.ids)] = None,
     method: Annotated[str, typer.Option("--method", help="How to compose: search.", metavar="METHOD")] = "search",
     task: Annotated[str, typer.Option("--task", help="A named composition, see `skill tasks`.", metavar="NAME")] = "",
     goal: Annotated[
@@ -119,7 +120,7 @@ def compose(
 
 def transfer_eval(
     context: typer.Context,
-    source: Annotated[str | None, typer.Argument(metavar="[ID]", help=MADE_FROM)] = None,
+    source: Annotated[str | None, typer.Argument(metavar="[ID]", help=MADE_FROM, autocompletion=complete.ids)] = None,
     domain: Annotated[
         list[str] | None, typer.Option("--domain", help="Target domain, see `skill domains`.", metavar="NAME")
     ] = None,

@@ -67,14 +67,14 @@ def open_library(store: Store, artifact: Artifact) -> Library:
 
 
 def ancestor(store: Store, artifact_id: ArtifactId, kind: str) -> ArtifactId:
-    """The nearest ancestor of a kind.
+    """The nearest ancestor of a kind, in its migrated form where it has one.
 
     Raises:
         StoreError: there is none.
     """
     for candidate in store.lineage(artifact_id):
         if candidate.stage == kind:
-            return candidate
+            return store.current(candidate)
     raise StoreError(f"{artifact_id} has no {kind} among its ancestors", f"`skill show {artifact_id}` lists them")
 
 

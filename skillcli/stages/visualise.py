@@ -64,7 +64,7 @@ def _waypoints(store: Store, artifact: Artifact) -> tuple[Array, Array, int]:
     """Waypoints (W, 3) m of the composition that an artifact is or was made from, their routes (W,), and how many routes."""
     for candidate in (artifact.id, *store.lineage(artifact.id)):
         if candidate.stage == "compose":
-            arrays = store.read(candidate).arrays
+            arrays = store.read(store.current(candidate)).arrays
             route = arrays["waypoints/route"]
             return arrays["waypoints/target"], route, int(route.max()) + 1
     return np.zeros((0, 3)), np.zeros(0, dtype=int), 1

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from skillcli.store.archive import Imported, export, import_file
 from skillcli.store.artifact import Artifact, Draft, Header, Parent, Unreadable, content_hash
 from skillcli.store.checkpoint import load_checkpoint, remove_checkpoint, save_checkpoint
+from skillcli.store.collect import Garbage, collect_garbage, find_garbage
 from skillcli.store.ids import STAGES, ArtifactId
+from skillcli.store.lock import Owner, unlock
 from skillcli.store.schema import KINDS
 from skillcli.store.store import Listing, Store
 
@@ -14,13 +17,21 @@ __all__ = [
     "Artifact",
     "ArtifactId",
     "Draft",
+    "Garbage",
     "Header",
+    "Imported",
     "Listing",
+    "Owner",
     "Parent",
     "Store",
     "Unreadable",
+    "collect_garbage",
     "content_hash",
+    "export",
+    "find_garbage",
+    "import_file",
     "load_checkpoint",
     "remove_checkpoint",
     "save_checkpoint",
+    "unlock",
 ]

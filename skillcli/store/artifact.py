@@ -15,6 +15,9 @@ from skillcli.store.text import canonical
 
 Array = NDArray[Any]
 
+ORIGIN = "migrated_from"
+"""Under this name in `measured`, which is not hashed, a migrated artifact says what it was made from."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Draft:
@@ -81,18 +84,25 @@ class Artifact(Header):
         start = prefix.rstrip("/") + "/"
         return {path.removeprefix(start): array for path, array in self.arrays.items() if path.startswith(start)}
 
+    @property
+    def origin(self) -> Mapping[str, Any]:
+        """What a migrated artifact was made from: id, content_sha256, command and more; empty for any other."""
+        found = self.measured.get(ORIGIN)
+        return found if isinstance(found, dict) and {"id", "content_sha256", "command"} <= found.keys() else {}
+
     def provenance(self) -> str:
         """Where it comes from, as markdown."""
         lines = [
             f"# {self.id}",
             "",
-            f"`{self.command}`",
+            f"`{''.join(mark if mark.isprintable() else '?' for mark in self.command)}`",
             "",
             f"- recipe **{self.recipe_name}**, seed **{self.seed}**",
             f"- made {self.created_utc[:19]} UTC",
             f"- content `{self.content_sha256[:16]}`",
             f"- git `{self.git_commit[:12] or 'unknown'}`{' with changes' if self.git_dirty else ''}",
             *(f"- made from **{parent.id}** `{parent.content_sha256[:16]}`" for parent in self.parents),
+            *([f"- migrated from **{self.origin['id']}**, made by `{self.origin['command']}`"] if self.origin else []),
             "",
             "| package | version |",
             "|---|---|",

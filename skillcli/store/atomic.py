@@ -5,17 +5,22 @@ from __future__ import annotations
 import errno
 import os
 import secrets
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TypeVar
 
 from skillcli.errors import StoreError
+from skillcli.store.process import is_running, machine_tag
 
 T = TypeVar("T")
 
 TEMPORARY = ".tmp-"
-"""How the names of unfinished files begin: leftovers of a killed process, safe to remove when it has ended."""
+"""How the names of unfinished files begin: `.tmp-WHAT-MACHINE-PID-RANDOM`, left over where a process was killed."""
+
+LEFT_OVER_SECONDS = 24 * 3600.0
+"""After this time without a change an unfinished file is left over, wherever its process runs or ran."""
 
 _HINTS = {
     errno.ENOSPC: "the disk is full: free some space, or choose another folder with --store",
@@ -39,7 +44,14 @@ def storage_errors(action: str) -> Iterator[None]:
         raise StoreError(f"cannot {action}: {error.strerror or error}", hint) from error
 
 
-def write_atomically(path: Path, data: memoryview, check: Callable[[Path], T], *, replace: bool = False) -> T:
+def write_atomically(
+    path: Path,
+    data: memoryview,
+    check: Callable[[Path], T],
+    *,
+    replace: bool = False,
+    naming: AbstractContextManager[object] | None = None,
+) -> T:
     """Write `data` beside `path`, flush it to the disk, check it as it is there, and only then give it its name.
 
     Args:
@@ -47,6 +59,7 @@ def write_atomically(path: Path, data: memoryview, check: Callable[[Path], T], *
         data: the bytes of the file.
         check: reads the finished temporary file; raises to refuse it.
         replace: whether an existing file may be replaced.
+        naming: entered for the moment in which the file gets its name; may raise to refuse it.
 
     Returns:
         What `check` returned.
@@ -54,7 +67,7 @@ def write_atomically(path: Path, data: memoryview, check: Callable[[Path], T], *
     Raises:
         StoreError: the disk refused; nothing was left under `path`, or what was there before still is.
     """
-    temporary = path.with_name(f"{TEMPORARY}{path.stem.lstrip('.')}-{os.getpid()}-{secrets.token_hex(4)}{path.suffix}")
+    temporary = temporary_beside(path)
     with storage_errors(f"write {path}"):
         try:
             with temporary.open("xb") as file:
@@ -62,15 +75,34 @@ def write_atomically(path: Path, data: memoryview, check: Callable[[Path], T], *
                 file.flush()
                 os.fsync(file.fileno())
             checked = check(temporary)
-            if not replace and os.path.lexists(path):
-                raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
-            os.replace(temporary, path)  # noqa: PTH105 - one name for the tests to break
+            with naming or nullcontext():
+                if not replace and os.path.lexists(path):
+                    raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
+                os.replace(temporary, path)  # noqa: PTH105 - one name for the tests to break
         except BaseException:
             with suppress(OSError):
                 temporary.unlink()
             raise
         sync_folder(path.parent)
     return checked
+
+
+def temporary_beside(path: Path) -> Path:
+    """A name for the unfinished form of a file, which tells whose it is."""
+    return path.with_name(
+        f"{TEMPORARY}{path.stem.lstrip('.')}-{machine_tag()}-{os.getpid()}-{secrets.token_hex(4)}{path.suffix}"
+    )
+
+
+def is_left_over(path: Path) -> bool:
+    """Whether an unfinished file will never be finished: its process has ended, or it has not changed for a day."""
+    tag, pid, _ = ["", "", *path.stem.split("-")][-3:]
+    if tag == machine_tag() and pid.isascii() and pid.isdigit() and not is_running(int(pid)):
+        return True
+    try:
+        return time.time() - path.lstat().st_mtime > LEFT_OVER_SECONDS
+    except OSError:  # finished or removed meanwhile
+        return False
 
 
 def make_folder(path: Path) -> None:
@@ -106,7 +138,7 @@ def try_writing(folder: Path) -> None:
     """
     with storage_errors(f"write in {folder}"):
         make_folder(folder)
-        probe = folder / f"{TEMPORARY}probe-{os.getpid()}-{secrets.token_hex(4)}"
+        probe = temporary_beside(folder / "probe")
         try:
             with probe.open("xb") as file:
                 file.write(bytes(4096))
@@ -137,16 +169,17 @@ def claim_version(folder: Path, stage: str) -> int:
     return version
 
 
-def keep_claim(folder: Path, stem: str) -> None:
-    """See to it that `STAGE-vN` stays taken, also where the artifact came without its claim.
+def keep_claim(folder: Path, stem: str) -> bool:
+    """See to it that `STAGE-vN` stays taken, also where the artifact came without its claim; False where it was.
 
     Raises:
         OSError: the folder cannot be written.
     """
     claims = folder / ".claims"
     make_folder(claims)
-    _create(claims / stem)
+    created = _create(claims / stem)
     sync_folder(claims)
+    return created
 
 
 def _create(path: Path) -> bool:

@@ -13,6 +13,9 @@ from typing import Any, BinaryIO
 
 from skillcli.store.text import canonical, parse
 
+MAGIC = b"skill-store "
+"""How every file of a store begins."""
+
 SMALLEST = 4096
 LARGEST = 1 << 20
 
@@ -61,7 +64,8 @@ def read_block(file: BinaryIO) -> tuple[dict[str, Any], int]:
     size = int(found[1])
     if not SMALLEST <= size <= LARGEST or size & (size - 1):
         raise ValueError(f"its header block has an impossible size, {size}")
-    start += file.read(size - len(start))
+    if size > len(start):
+        start += file.read(size - len(start))
     text, _, padding = start[_LENGTH:].partition(b"\n")
     if len(start) != size or padding.strip(b"\0"):
         raise ValueError("its header block is cut short or has something behind the header")

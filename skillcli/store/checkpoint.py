@@ -10,9 +10,11 @@ from typing import Any
 from skillcli.errors import StoreError
 from skillcli.store.atomic import make_folder, storage_errors, sync_folder, write_atomically
 from skillcli.store.container import RECORD, Array, Contents, checked_arrays, pack, reading, text_array, unpack
+from skillcli.store.provenance import package_versions
 
 _HEADER = {"kind": "checkpoint", "schema_version": 1}
 _STATE = f"{RECORD}/state"
+_PACKAGES = "packages"
 
 
 def save_checkpoint(path: Path, arrays: Mapping[str, Array], state: Mapping[str, Any]) -> None:
@@ -31,7 +33,7 @@ def save_checkpoint(path: Path, arrays: Mapping[str, Array], state: Mapping[str,
     except (TypeError, ValueError) as error:
         raise StoreError(f"the state of training cannot be stored as JSON: {error}") from error
     contents = Contents({}, {**checked_arrays(arrays), _STATE: text_array(text)})
-    data = pack(_HEADER, contents, _labels, gzip=False)  # short-lived: speed counts
+    data = pack({**_HEADER, _PACKAGES: package_versions()}, contents, _labels, gzip=False)  # short-lived: speed counts
     with storage_errors(f"write in {path.parent}"):
         make_folder(path.parent)
     write_atomically(path, data, load_checkpoint, replace=True)
@@ -41,7 +43,8 @@ def load_checkpoint(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     """The arrays and the state that were saved.
 
     Raises:
-        StoreError: there is no checkpoint, or it is damaged.
+        StoreError: there is no checkpoint, it is damaged, or other versions of packages made it: they would go on to
+            another result, and a saved state of the simulator means nothing to another version of it.
     """
     _, contents = unpack(path, _check)
     arrays = dict(contents.arrays)
@@ -69,3 +72,15 @@ def _check(header: Mapping[str, Any], _: Mapping[str, tuple[int, ...]]) -> None:
     found = {name: header.get(name) for name in _HEADER}
     if found != _HEADER:
         raise StoreError(f"expected a checkpoint as {_HEADER}, got {found}", "start training anew")
+    _check_packages(header.get(_PACKAGES))
+
+
+def _check_packages(made: Any) -> None:
+    ours = package_versions()
+    before = made if isinstance(made, dict) else {}
+    if before != ours:
+        names = sorted(name for name in {*before, *ours} if before.get(name) != ours.get(name))
+        raise StoreError(
+            f"the checkpoint was made with {', '.join(f'{name} {before.get(name)}' for name in names)}",
+            "install that, or start anew: without --resume, or after removing the checkpoint",
+        )

@@ -46,7 +46,7 @@ _ATTRIBUTES = {*_SHARED, "recipe_sha256", "model_sha256", "git_commit", "git_dir
 _TEXTS = ("command", "recipe", "results", "measured", "packages", "parents")
 _RECORDS = {f"{RECORD}/{name}" for name in _TEXTS}
 _SHA256 = re.compile(r"[0-9a-f]{64}")
-_MAX_TEXT_BYTES = 4 << 20  # JSON takes twenty times its size in memory
+_MAX_TEXT_BYTES = 1 << 20  # JSON takes twenty times its size in memory
 
 
 def check_draft(draft: Draft) -> Draft:
@@ -119,27 +119,40 @@ def read_header(path: Path, expected: ArtifactId) -> Header:
     """What an artifact's file says of itself, from its first few kilobytes.
 
     Raises:
-        StoreError: it is damaged, of an unknown kind or schema, or not the artifact that its path says.
+        StoreError: it is damaged, of an unknown kind, or not the artifact that its path says.
     """
     fields = peek(path)
     with reading(path):
         return _header(fields, expected)
 
 
-def read_artifact(path: Path, expected: ArtifactId) -> Artifact:
+def read_artifact(path: Path, expected: ArtifactId, *, older: bool = False) -> Artifact:
     """The whole artifact; the file's hash and structure are checked before its data is read.
 
+    Args:
+        path: the file.
+        expected: which artifact it must be.
+        older: whether one of an older schema will do, as it is; its arrays are then compared with no table.
+
     Raises:
-        StoreError: it is damaged, refused, or not the artifact that its path says.
+        StoreError: it is damaged, refused, of another schema, or not the artifact that its path says.
     """
 
     def check(fields: Mapping[str, Any], shapes: Mapping[str, schema.Shape]) -> None:
         header = _header(fields, expected)
+        schema.check_not_newer(header.kind, header.schema_version, str(expected))
+        outdated = schema.is_older(header.kind, header.schema_version)
+        if outdated and not older:
+            raise StoreError(
+                f"{expected} has the older schema {header.schema_version}",
+                f"`skill migrate {expected}` makes a new version of it and keeps the original",
+            )
         if missing := _RECORDS - shapes.keys():
             raise ValueError(f"it lacks {', '.join(sorted(missing))}")
         _check_texts(shapes, str(expected))
-        own = {name: shape for name, shape in shapes.items() if name not in _RECORDS}
-        schema.check_arrays(header.kind, own, str(expected))
+        if not outdated:
+            own = {name: shape for name, shape in shapes.items() if name not in _RECORDS}
+            schema.check_arrays(header.kind, own, str(expected))
 
     fields, contents = unpack(path, check)
     with reading(path):
@@ -162,7 +175,9 @@ def _header(fields: Mapping[str, Any], expected: ArtifactId) -> Header:
     """Raises ValueError where the header is not one, and StoreError where it is not for us."""
     if {name: type(value) for name, value in fields.items()} != _HEADER:
         raise ValueError("its header is not that of an artifact")
-    schema.check_version(fields["kind"], fields["schema_version"], str(expected))
+    schema.check_kind(fields["kind"], str(expected))
+    if fields["schema_version"] < 1:
+        raise StoreError(f"{expected} has schema {fields['schema_version']}, the first was 1", "it was not made by skill")
     if fields["id"] != str(expected) or fields["kind"] != expected.stage:
         raise StoreError(
             f"the file of {expected} holds {fields['kind']} {fields['id']!r}",
@@ -170,6 +185,8 @@ def _header(fields: Mapping[str, Any], expected: ArtifactId) -> Header:
         )
     if not _SHA256.fullmatch(fields["content_sha256"]):
         raise ValueError("its content hash is not a SHA-256")
+    if not (fields["created_utc"].isprintable() and fields["recipe_name"].isprintable()):
+        raise ValueError("its header has characters that cannot be printed")
     parents = tuple(Parent(ArtifactId.parse(entry["id"]), str(entry["content_sha256"])) for entry in fields["parents"])
     own = {name: fields[name] for name in _HEADER if name not in ("id", "kind", "parents")}
     return Header(id=expected, parents=parents, **own)

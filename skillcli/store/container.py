@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import os
+import stat
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -168,16 +170,27 @@ def reading(path: Path) -> Iterator[None]:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[BinaryIO]:
-    with reading(path):
-        if path.exists() and not path.is_file():  # a pipe would wait for ever
-            raise ValueError("it is not a file")
-        with path.open("rb") as file:
-            yield file
+    with reading(path), open_regular(path) as file:
+        yield file
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """Open a file for reading; a pipe, which would wait for ever, and whatever else is not a plain file is refused.
+
+    Raises:
+        OSError: it cannot be opened.
+        ValueError: it is not a plain file.
+    """
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise ValueError("it is not a file")
+    return os.fdopen(handle, "rb")
 
 
 def _header(file: BinaryIO) -> tuple[dict[str, Any], int]:
     header, size = block.read_block(file)
-    length = file.seek(0, io.SEEK_END)
+    length = os.fstat(file.fileno()).st_size
     if header.get("bytes") != length:
         raise ValueError(f"it has {length} bytes, {header.get('bytes')} were written")
     return header, size

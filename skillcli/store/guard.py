@@ -19,12 +19,12 @@ DTYPES = frozenset(["|b1", "|i1", "<i2", "<i4", "<i8", "|u1", "<u2", "<u4", "<u8
 PATH = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+=-]*(/[A-Za-z0-9_][A-Za-z0-9_.+=-]*){0,7}", re.ASCII)
 
 MAX_BYTES = 1 << 30  # of all arrays together
-MAX_OBJECTS = 20_000
-MAX_CHUNKS = 20_000
-MAX_ATTRIBUTES = 64
-MAX_ATTRIBUTE_BYTES = 1 << 16
-PLAUSIBLE_BYTES = 64 << 20  # however small the file
-PLAUSIBLE_RATIO = 100  # unpacked over stored, beyond that
+MAX_OBJECTS = 1000  # a large artifact has a hundred
+MAX_CHUNKS = 4000
+MAX_ATTRIBUTES = 16  # of one object
+MAX_ATTRIBUTE_BYTES = 1 << 12
+PLAUSIBLE_BYTES = 48 << 20  # however small the file
+PLAUSIBLE_RATIO = 3  # unpacked over stored, beyond that
 
 _FILTERS = (h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLETCHER32)
 

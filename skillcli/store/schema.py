@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
+from skillcli import __version__
 from skillcli.errors import StoreError
 
 Shape = tuple[int, ...]
@@ -33,7 +34,7 @@ class Kind:
     fields: Mapping[str, Field]
 
 
-FIXED = {"xyz": 3, "xy": 2, "pose": 7, "bound": 2}
+FIXED = {"xyz": 3, "xy": 2, "pose": 7, "bound": 2, "member": 2}
 SHARED = {"skill", "latent"}  # mean the same in every folder of a file
 FREE = {"iteration"}  # every curve may have its own pace
 
@@ -74,26 +75,26 @@ KINDS: Mapping[str, Kind] = {
         },
     ),
     "embed-means": Kind(
-        1,
+        2,
         {
             "embedding/bounds": Field("bound,latent"),
             "embedding/latent_distance": Field("skill,skill"),
             "embedding/goal_distance": Field("skill,skill", "m"),
-            "halfway/pair": Field("pair,member", required=False),
+            "halfway/pair": Field("pair,member"),
             **EMBEDDING,
             **TRAJECTORIES,
         },
     ),
     "compose": Kind(
-        1,
+        2,
         {
             "plan/latent": Field("segment,latent"),
             "plan/seconds": Field("segment", "s"),
             "plan/skill": Field("segment"),
-            "plan/route": Field("segment", required=False),
+            "plan/route": Field("segment"),
             "waypoints/target": Field("waypoint,xyz", "m"),
             "waypoints/closest": Field("waypoint", "m"),
-            "waypoints/route": Field("waypoint", required=False),
+            "waypoints/route": Field("waypoint"),
             "composer/**": Field("...", required=False),
             "curves/**": Field("iteration", required=False),
             **TRAJECTORIES,
@@ -123,18 +124,23 @@ def check_kind(kind: str, label: str) -> None:
         raise StoreError(f"{label} is of an unknown kind, {kind!r}", f"this skill knows {', '.join(KINDS)}")
 
 
-def check_version(kind: str, version: int, label: str) -> None:
-    """Refuse what this version of `skill` cannot read.
+def is_older(kind: str, version: int) -> bool:
+    """Whether an artifact must be migrated before it can be used."""
+    return version < KINDS[kind].version
+
+
+def check_not_newer(kind: str, version: int, label: str) -> None:
+    """Refuse what only a later `skill` can read.
 
     Raises:
-        StoreError: the kind is unknown, or its schema is newer or older than ours.
+        StoreError: the schema is newer than ours.
     """
-    check_kind(kind, label)
     ours = KINDS[kind].version
     if version > ours:
-        raise StoreError(f"{label} has schema {version}, this skill reads at most {ours}", "install a newer skill")
-    if version < ours:
-        raise StoreError(f"{label} has schema {version}, this skill reads {ours}", "make the artifact anew")
+        raise StoreError(
+            f"{label} has schema {version}, skill {__version__} reads at most {ours}",
+            f"install a newer skill: `pip install --upgrade skillcli` (more than {__version__})",
+        )
 
 
 def check_arrays(kind: str, shapes: Mapping[str, Shape], label: str) -> None:

@@ -5,15 +5,18 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 from skillcli.errors import StoreError, UnknownArtifact
-from skillcli.store import atomic, codec
+from skillcli.store import atomic, codec, pins, schema
 from skillcli.store.artifact import Artifact, Draft, Header, Parent, Unreadable, content_hash
 from skillcli.store.atomic import storage_errors
 from skillcli.store.ids import FILE, NAME, ArtifactId, check_name
+from skillcli.store.lock import locked
+from skillcli.store.migrate import migrated
 from skillcli.store.resolve import match, unknown
 
 _FOLDER = re.compile(NAME, re.ASCII)
@@ -50,15 +53,66 @@ class Store:
         draft = codec.check_draft(draft)
         parents = tuple(Parent(one, self.header(one).content_sha256) for one in draft.parents)
         version = atomic.claim_version(self.root / check_name(draft.name), draft.kind)
-        artifact = codec.finish(draft, version, parents)
+        return self.put(codec.finish(draft, version, parents), parents)
+
+    def put(self, artifact: Artifact, needed: Sequence[Parent] = ()) -> Artifact:
+        """Keep a finished artifact under its own id, whose version the caller has claimed.
+
+        Args:
+            artifact: what to keep.
+            needed: must still be in the store, unchanged, when the artifact gets its name.
+
+        Raises:
+            StoreError: as `write`.
+        """
 
         def check(path: Path) -> Artifact:
-            written = codec.read_artifact(path, artifact.id)
+            written = codec.read_artifact(path, artifact.id, older=True)
             if content_hash(written) != artifact.content_sha256:
                 raise StoreError(f"{artifact.id} read back differs from what was written", "check the disk")
             return written
 
-        return atomic.write_atomically(self.path(artifact.id), codec.encode(artifact), check)
+        naming = self._naming(artifact.id, needed)
+        return atomic.write_atomically(self.path(artifact.id), codec.encode(artifact), check, naming=naming)
+
+    @contextmanager
+    def _naming(self, artifact_id: ArtifactId, needed: Sequence[Parent]) -> Iterator[None]:
+        """Hold the lock while an artifact gets its name: nobody removes its parents in that moment."""
+        with locked(self.root, take_over=True):
+            for parent in needed:
+                if problem := self._parent_problem(parent):
+                    raise StoreError(f"cannot write {artifact_id}: {problem}", "it was removed meanwhile: make it anew")
+            yield
+
+    def migrate(self, artifact_id: ArtifactId, command: str) -> Artifact:
+        """Make a new version of an artifact in the present schema; the original stays as it is, parents are kept.
+
+        Raises:
+            StoreError: it has the present schema or a newer one, is damaged, or the store refuses.
+        """
+        old = codec.read_artifact(self._existing(artifact_id), artifact_id, older=True)
+        draft = codec.check_draft(migrated(old, command))
+        version = atomic.claim_version(self.root / artifact_id.name, draft.kind)
+        return self.put(codec.finish(draft, version, old.parents))
+
+    def current(self, artifact_id: ArtifactId) -> ArtifactId:
+        """The artifact itself or, where its schema is older, the newest one that was migrated from it.
+
+        Raises:
+            StoreError: the artifact is not there or damaged.
+        """
+        header = self.header(artifact_id)
+        if not schema.is_older(header.kind, header.schema_version):
+            return artifact_id
+        series = [one for one in self.ids() if one.series == artifact_id.series and one.version > artifact_id.version]
+        return next((one for one in reversed(series) if self._origin(one) == header.content_sha256), artifact_id)
+
+    def _origin(self, artifact_id: ArtifactId) -> str:
+        """Content hash of what an artifact was migrated from, "" for any other."""
+        try:
+            return str(self.read(artifact_id).origin.get("content_sha256", ""))
+        except StoreError:
+            return ""
 
     def check_writable(self, name: str) -> None:
         """Find out before the work whether its result could be written.
@@ -134,10 +188,12 @@ class Store:
         return self.listing().headers
 
     def find(self, kind: str, inputs_sha256: str, name: str | None = None) -> ArtifactId | None:
-        """The newest artifact of this kind that was made from exactly these inputs, if any."""
+        """The newest artifact of this kind and the present schema that was made from exactly these inputs, if any."""
         if not inputs_sha256:
             return None
-        same = [one for one in self.headers() if one.kind == kind and one.inputs_sha256 == inputs_sha256]
+        version = schema.KINDS[kind].version
+        wanted = (kind, version, inputs_sha256)
+        same = [one for one in self.headers() if (one.kind, one.schema_version, one.inputs_sha256) == wanted]
         return next((one.id for one in reversed(same) if name in (None, one.id.name)), None)
 
     def lineage(self, artifact_id: ArtifactId) -> list[ArtifactId]:
@@ -167,7 +223,7 @@ class Store:
         """
         path = self._existing(artifact_id)
         try:
-            artifact = codec.read_artifact(path, artifact_id)
+            artifact = codec.read_artifact(path, artifact_id, older=True)
         except StoreError as error:
             return [error.message]
         problems = [self._parent_problem(parent) for parent in artifact.parents]
@@ -180,12 +236,41 @@ class Store:
 
         Raises:
             UnknownArtifact: there is none.
-            StoreError: others were made from it, or the disk refuses.
+            StoreError: it is pinned, others were made from it, the store is locked, or the disk refuses.
         """
-        path = self._existing(artifact_id)
-        if dependents := self.dependents(artifact_id):
-            names = ", ".join(map(str, dependents[:5])) + (" and more" if len(dependents) > 5 else "")
-            raise StoreError(f"cannot remove {artifact_id}: made from it: {names}", "remove those first")
+        self._existing(artifact_id)
+        with locked(self.root):
+            path = self._existing(artifact_id)
+            if pins.is_pinned(path):
+                raise StoreError(f"cannot remove {artifact_id}: it is pinned", f"`skill unpin {artifact_id}` first")
+            if dependents := self.dependents(artifact_id):
+                names = ", ".join(map(str, dependents[:5])) + (" and more" if len(dependents) > 5 else "")
+                raise StoreError(f"cannot remove {artifact_id}: made from it: {names}", "remove those first")
+            self.unlink(artifact_id)
+
+    def pin(self, artifact_id: ArtifactId, wanted: bool = True) -> None:
+        """Protect an artifact from `remove` and from being collected, or end that.
+
+        Raises:
+            UnknownArtifact: there is none.
+            StoreError: the store is locked, or the disk refuses.
+        """
+        self._existing(artifact_id)
+        with locked(self.root), storage_errors(f"write in {self.root}"):
+            (pins.pin if wanted else pins.unpin)(self._existing(artifact_id))
+
+    def pinned(self) -> set[ArtifactId]:
+        """Every artifact that is pinned."""
+        wanted = set(pins.all_pins(self.root))
+        return {one for one in self.ids() if str(one) in wanted} if wanted else set()
+
+    def unlink(self, artifact_id: ArtifactId) -> None:
+        """Delete the file of an artifact, without a question; the caller holds the lock.
+
+        Raises:
+            StoreError: the disk refuses.
+        """
+        path = self.path(artifact_id)
         with storage_errors(f"remove {path}"):
             atomic.keep_claim(path.parent, path.stem)
             path.unlink()

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import shutil
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -123,6 +126,34 @@ def test_ctrl_c_in_any_command_exits_130(chain: Path, monkeypatch: pytest.Monkey
 
     monkeypatch.setattr("skillcli.store.store.Store.read", pressed)
     check_failure(skill("--store", chain, "--json", "embed-means"), 130, "interrupted")
+
+
+def test_ctrl_c_that_becomes_another_error_on_its_way_exits_130_too(chain: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def pressed(*_: object) -> None:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise ImportError("initialization failed") from None
+
+    before = signal.getsignal(signal.SIGINT)
+    monkeypatch.setattr("skillcli.store.store.Store.listing", pressed)
+    check_failure(skill("--store", chain, "--json", "ls"), 130, "interrupted")
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_ctrl_c_while_the_program_is_loading_is_one_line() -> None:
+    code = (
+        "import signal, sys\n"
+        "class Press:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'skillcli.cli.app': signal.raise_signal(signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Press())\n"
+        "sys.argv = ['skill', '--json', 'ls']\n"
+        "from skillcli.cli.main import main\n"
+        "main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    check_failure(Result(done.returncode, done.stdout, done.stderr), 130, "interrupted")
 
 
 def test_the_store_is_listed_shown_and_verified(chain: Path) -> None:

@@ -56,6 +56,30 @@ def test_an_interrupted_training_goes_on_to_the_same_content(tmp_path: Path, mon
     assert not any("checkpoint" in name for name in files(tmp_path))
 
 
+@pytest.mark.parametrize(("saved", "killed"), [(1, 2), (2, 5)])
+def test_a_killed_training_goes_on_from_its_last_checkpoint_to_the_same_content(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, saved: int, killed: int
+) -> None:
+    """As kill -9 leaves it: nothing is saved or cleaned up at the end, and some iterations are lost."""
+    made("--store", tmp_path, *SMALL, "--name", "whole")
+    iterate = Learner.iterate
+
+    def until_killed(self: Learner) -> Any:
+        monkeypatch.setattr("skillcli.stages.pretrain.CHECKPOINT_SECONDS", 0.0 if self.iteration < saved else 1e9)
+        if self.iteration == killed - 1:
+            raise GeneratorExit  # passes all that handles errors and interrupts
+        return iterate(self)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Learner, "iterate", until_killed)
+        with pytest.raises(GeneratorExit):
+            skill("--store", tmp_path, *SMALL, "--name", "halves")
+    assert not (tmp_path / "halves" / "pretrain-v1.h5").exists()
+    resumed = skill("--store", tmp_path, *SMALL, "--name", "halves", "--resume")
+    assert resumed.code == 0, resumed.err
+    assert content(tmp_path, "halves") == content(tmp_path, "whole")
+
+
 def test_ctrl_c_after_the_training_does_not_lose_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def pressed(*_: object) -> None:
         raise KeyboardInterrupt

@@ -72,3 +72,12 @@ def test_a_damaged_or_missing_checkpoint_is_refused(path: Path) -> None:
 def test_a_state_without_json_form_is_refused(path: Path) -> None:
     with pytest.raises(StoreError, match="cannot be stored as JSON"):
         save_checkpoint(path, ARRAYS, {"a": {1, 2}})
+
+
+def test_a_checkpoint_of_other_packages_is_refused(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr("skillcli.store.checkpoint.package_versions", lambda: {"python": "3", "mujoco": "3.9"})
+        save_checkpoint(path, ARRAYS, {})
+    with pytest.raises(StoreError, match=r"made with .*mujoco 3\.9") as caught:
+        load_checkpoint(path)
+    assert "without --resume" in caught.value.hint

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 from skillcli.errors import StoreError
-from skillcli.store import Draft, Store, atomic
+from skillcli.store import Draft, Store, atomic, collect_garbage
 
 Make = Callable[..., Draft]
 
@@ -35,16 +35,46 @@ def _forked(work: Callable[[], None]) -> Iterator[multiprocessing.process.BasePr
 
 
 def test_concurrent_writers_get_different_versions(store: Store, make: Make) -> None:
-    def write_three(seed: int) -> None:
-        for _ in range(3):
-            store.write(make(seed=seed))
+    parent = store.write(make("pretrain", name="other")).id
+
+    def write_two(seed: int) -> None:
+        for _ in range(2):
+            store.write(make(seed=seed, parents=[parent]))
 
     with ExitStack() as stack:
-        for seed in range(4):
-            stack.enter_context(_forked(partial(write_three, seed)))
-    ids = store.ids()
-    assert [str(one) for one in ids] == [f"run/embed-means-v{n}" for n in range(1, 13)]
-    assert sorted(store.read(one).seed for one in ids) == [0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3]
+        for seed in range(16):
+            stack.enter_context(_forked(partial(write_two, seed)))
+    ids = [one for one in store.ids() if one.name == "run"]
+    assert [str(one) for one in ids] == [f"run/embed-means-v{n}" for n in range(1, 33)]
+    assert sorted(store.read(one).seed for one in ids) == sorted([*range(16)] * 2)
+
+
+def test_the_order_survives_a_power_cut(store: Store, make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The file is on the disk before its name is, and the name before success is told."""
+    steps: list[str] = []
+    fsync, replace, unlink = os.fsync, os.replace, Path.unlink
+
+    def note_fsync(handle: int) -> None:
+        path = Path(f"/proc/self/fd/{handle}").readlink()
+        steps.append(f"sync {'temporary file' if path.name.startswith(atomic.TEMPORARY) else path.name}")
+        fsync(handle)
+
+    def note_replace(source: Path, target: Path) -> None:
+        steps.append(f"name {target.name}")
+        replace(source, target)
+
+    def note_unlink(path: Path, missing_ok: bool = False) -> None:
+        steps.append(f"remove {path.name}")
+        unlink(path, missing_ok)
+
+    monkeypatch.setattr(os, "fsync", note_fsync)
+    monkeypatch.setattr(os, "replace", note_replace)
+    monkeypatch.setattr(Path, "unlink", note_unlink)
+    one = store.write(make()).id
+    assert steps[-5:] == ["sync .claims", "sync temporary file", "name embed-means-v1.h5", "remove .lock", "sync run"]
+    steps.clear()
+    store.remove(one)
+    assert steps == ["sync .claims", "remove embed-means-v1.h5", "sync run", "remove .lock"]
 
 
 def test_a_kill_leaves_no_damaged_artifact(store: Store, make: Make) -> None:
@@ -63,6 +93,8 @@ def test_a_kill_leaves_no_damaged_artifact(store: Store, make: Make) -> None:
     os.close(writer)
     os.close(reader)
     assert [problem for one in store.ids() for problem in store.verify(one)] == []
+    collect_garbage(store, keep=10**6)
+    assert not list(store.root.rglob(".tmp*")) and not (store.root / ".lock").exists()
 
 
 @pytest.fixture(params=["open", "write", "fsync", "replace"])

@@ -7,6 +7,8 @@ import json
 import os
 import random
 import struct
+import subprocess
+import sys
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -173,7 +175,7 @@ def _odd_name(file: h5py.File) -> None:
 
 
 def _many(file: h5py.File) -> None:
-    for i in range(20_001):
+    for i in range(1001):
         file.create_group(f"skills/{i}")
 
 
@@ -220,13 +222,57 @@ HOSTILE: dict[Callable[[h5py.File], None], str] = {
     _long_text_attribute: "neither an integer nor a text",
     _not_utf8: "cannot read",
     _odd_name: "not a path",
-    _many: "more than 20000 objects",
+    _many: "more than 1000 objects",
     _attribute_differs: "disagree about seed",
     _no_record: "lacks record/recipe",
     _other_recipe: "disagree about recipe",
     _much_json: "bytes of JSON",
     _bad_json: "cannot read",
 }
+
+
+def _bomb_of_zeros(file: h5py.File) -> None:
+    """As much as is ever read of a small file, packed as tightly as gzip can; wrong only in what it means."""
+    file["embedding"].create_dataset("more", data=np.zeros(44 << 20, np.uint8), chunks=(1 << 20,), compression="gzip")
+
+
+def _many_chunks(file: h5py.File) -> None:
+    file["embedding"].create_dataset("more", data=np.zeros(3900, np.uint8), chunks=(1,), compression="gzip")
+
+
+def _many_objects(file: h5py.File) -> None:
+    for i in range(950):
+        item = file.create_dataset(f"embedding/more{i}", data=np.zeros(1))
+        for j in range(8):
+            item.attrs.create(f"a{j}", np.int64(j))
+
+
+def _wide_json(file: h5py.File) -> None:
+    del file["record/results"]
+    text = b'{"a":[' + b"[]," * 330_000 + b"0]}"
+    file["record"].create_dataset("results", data=np.frombuffer(text, np.uint8), compression="gzip")
+
+
+LARGE = (_bomb_of_zeros, _many_chunks, _many_objects, _wide_json)
+"""Files at the limits of what is looked at: the most that a hostile one can cost."""
+
+MEASURED = """
+import json, resource, sys, time
+from pathlib import Path
+from skillcli.errors import StoreError
+from skillcli.store import Store
+store = Store(Path(sys.argv[1]))
+worst, accepted, slowest = 0.0, [], None
+for one in store.ids():
+    started = time.process_time()
+    if not store.verify(one):
+        accepted.append(str(one))
+    seconds = time.process_time() - started
+    if seconds > worst:
+        worst, slowest = seconds, str(one)
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+print(json.dumps({"seconds": worst, "slowest": slowest, "megabytes": peak, "accepted": accepted}))
+"""
 
 
 @pytest.mark.parametrize("tamper", HOSTILE, ids=lambda function: function.__name__)
@@ -241,7 +287,6 @@ def test_hostile_contents_are_refused(store: Store, artifact: ArtifactId, tamper
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"schema_version": 2}, "has schema 2, this skill reads at most 1"),
         ({"schema_version": 0}, "has schema 0"),
         ({"schema_version": "1"}, "not that of an artifact"),
         ({"kind": "other"}, "unknown kind, 'other'"),
@@ -312,3 +357,21 @@ def test_the_block_is_strict_json_that_any_tool_reads(store: Store, artifact: Ar
     lines = store.path(artifact).read_bytes()[:4096].split(b"\n")
     assert json.loads(lines[1])["id"] == str(artifact)
     assert not lines[2].strip(b"\0")
+
+
+def test_every_hostile_file_is_refused_quickly_and_in_little_memory(store: Store, artifact: ArtifactId, tmp_path: Path) -> None:
+    """One process meets them all, as `skill verify` would, and tells its slowest and its largest moment."""
+    good = store.path(artifact).read_bytes()
+    for number, tamper in enumerate([*HOSTILE, *LARGE]):
+        path = tmp_path / f"hostile/run{number}/{artifact.stage}-v1.h5"
+        path.parent.mkdir(parents=True)
+        path.write_bytes(good)
+        with h5py.File(path, "r+") as file:
+            tamper(file)
+        reseal(path, lambda header, name=path.parent.name: header.update(id=f"{name}/{artifact.stage}-v1"))  # type: ignore[misc]
+    done = subprocess.run(
+        [sys.executable, "-c", MEASURED, str(tmp_path / "hostile")], capture_output=True, text=True, check=True
+    )
+    worst = json.loads(done.stdout)
+    assert worst["accepted"] == []
+    assert worst["seconds"] < 2.0 and worst["megabytes"] < 200, worst

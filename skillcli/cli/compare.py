@@ -1,0 +1,64 @@
+"""Two artifacts side by side: only what differs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from skillcli.store import Artifact
+
+Pairs = dict[str, tuple[Any, Any]]  # by key, what the two have; None where one has nothing
+
+
+def differences(a: Artifact, b: Artifact) -> dict[str, Pairs]:
+    """What differs in origin, recipe, packages, results and arrays, by part and key."""
+    return {
+        "origin": _differing(_origin(a), _origin(b)),
+        "recipe": _differing(dict(_flat(a.recipe)), dict(_flat(b.recipe))),
+        "packages": _differing(a.packages, b.packages),
+        "results": _differing(dict(_flat(a.results)), dict(_flat(b.results))),
+        "arrays": _arrays(a.arrays, b.arrays),
+    }
+
+
+def _origin(one: Artifact) -> dict[str, Any]:
+    parents = ", ".join(parent.content_sha256[:12] for parent in one.parents)
+    commit = one.git_commit[:12] + (" with changes" if one.git_dirty else "")
+    return {"kind": one.kind, "seed": one.seed, "model": one.model_sha256[:12], "git": commit, "parents": parents}
+
+
+def _differing(a: Mapping[str, Any], b: Mapping[str, Any]) -> Pairs:
+    keys = [*a, *(key for key in b if key not in a)]
+    return {key: (a.get(key), b.get(key)) for key in keys if a.get(key) != b.get(key)}
+
+
+def _flat(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Leaves of nested JSON by dotted path; entries of a list that have a name go by it."""
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _flat(item, f"{path}.{key}" if path else key)
+    elif isinstance(value, list) and any(isinstance(item, Mapping) for item in value):
+        for index, item in enumerate(value):
+            label = item.get("name", index) if isinstance(item, Mapping) else index
+            yield from _flat(item, f"{path}[{label}]")
+    else:
+        yield path, value
+
+
+def _arrays(a: Mapping[str, Any], b: Mapping[str, Any]) -> Pairs:
+    """Arrays that are not equal: their types and shapes, and where those agree, how far apart they are."""
+    found: Pairs = {}
+    for path in sorted({*a, *b}):
+        left, right = a.get(path), b.get(path)
+        if left is None or right is None or left.dtype != right.dtype or left.shape != right.shape:
+            found[path] = (_label(left), _label(right))
+        elif not np.array_equal(left, right, equal_nan=left.dtype.kind == "f"):
+            apart = np.abs(left.astype(float) - right.astype(float))
+            found[path] = (_label(left), f"differs by up to {np.nanmax(apart):.3g}, on average {np.nanmean(apart):.3g}")
+    return found
+
+
+def _label(array: Any) -> str | None:
+    return None if array is None else f"{array.dtype} {array.shape}"

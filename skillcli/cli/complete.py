@@ -1,0 +1,30 @@
+"""What the shell offers where an id is asked for. Looks at names only, and loads nothing that takes time."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import typer
+
+
+def ids(context: typer.Context, incomplete: str) -> list[str]:
+    """Ids that begin with what was typed; names alone as long as no slash was typed."""
+    found = sorted(_stored(_root(context)))
+    if "/" not in incomplete:
+        names = list(dict.fromkeys(one.split("/")[0] for one in found if one.startswith(incomplete)))
+        if len(names) > 1:
+            return [f"{name}/" for name in names]
+    return [one for one in found if one.startswith(incomplete)]
+
+
+def _root(context: typer.Context) -> Path:
+    given = context.find_root().params.get("store")
+    return Path(given or os.environ.get("SKILL_STORE") or "artifacts")
+
+
+def _stored(root: Path) -> Iterator[str]:
+    for path in root.glob("*/*-v*.h5"):
+        if not path.name.startswith(".") and not path.parent.name.startswith("."):
+            yield f"{path.parent.name}/{path.stem}"

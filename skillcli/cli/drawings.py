@@ -1,0 +1,63 @@
+"""Parts of an artifact drawn in the terminal: its recipe, its curves as sparklines, its lineage as a tree."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+from rich.tree import Tree
+
+from skillcli.errors import StoreError
+from skillcli.store import ArtifactId, Store
+
+WIDTH = 40  # characters of a sparkline
+
+_BARS = "▁▂▃▄▅▆▇█"
+
+
+def sparkline(values: Any) -> str:
+    """A curve in `WIDTH` characters at most, each the mean of its share of the values (n,); a space where none is finite."""
+    values = np.asarray(values, dtype=float).ravel()
+    parts = [part[np.isfinite(part)] for part in np.array_split(values, min(WIDTH, max(1, len(values))))]
+    means = np.array([part.mean() if len(part) else np.nan for part in parts])
+    if not np.isfinite(means).any():
+        return " " * len(means)
+    low, high = np.nanmin(means), np.nanmax(means)
+    scale = (len(_BARS) - 1) / (high - low) if high > low else 0.0
+    return "".join(" " if np.isnan(mean) else _BARS[round((mean - low) * scale)] for mean in means)
+
+
+def curves(arrays: Mapping[str, Any]) -> Table:
+    """Every learning curve: its first and last value, and its course."""
+    table = Table("curve", "", "first", "last")
+    for name, values in sorted(arrays.items()):
+        ends = (f"{values[index]:.4g}" for index in (0, -1)) if values.ndim == 1 and len(values) else ("", "")
+        table.add_row(name, sparkline(values), *ends)
+    return table
+
+
+def recipe(resolved: Mapping[str, Any]) -> Table:
+    """Every value of a resolved recipe, one line per section."""
+    table = Table("recipe", "values")
+    for section, values in sorted(resolved.items()):
+        shown = ", ".join(f"{key}={value}" for key, value in values.items()) if isinstance(values, Mapping) else str(values)
+        table.add_row(section, shown)
+    return table
+
+
+def lineage(store: Store, artifact_id: ArtifactId) -> Tree:
+    """What an artifact was made from, as a tree; what is gone or damaged is marked."""
+    tree = Tree(f"[bold]{artifact_id}[/]")
+    pending = [(tree, artifact_id)]
+    while pending:
+        branch, one = pending.pop(0)
+        for parent in store.header(one).parents:
+            try:
+                same = store.header(parent.id).content_sha256 == parent.content_sha256
+                label = f"{parent.id} [dim]{parent.content_sha256[:12]}[/]" + ("" if same else " [red]changed since[/]")
+                pending.append((branch.add(label), parent.id))
+            except StoreError:
+                branch.add(f"{parent.id} [red]gone or damaged[/]")
+    return tree
