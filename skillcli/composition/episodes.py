@@ -103,7 +103,7 @@ class Episodes:
         """See `Planner`."""
         self._control_steps += int((~self._failed).sum()) * self._steps
         self._valid.append(~self._failed)
-        self._due = self._route.advance(self._due, outcome.path)
+        self._due = self._route.follow(self._due, outcome.path).due
         failed = outcome.failed & ~self._failed
         self._failed |= outcome.failed
         # a broken state is neither looked at nor stepped again

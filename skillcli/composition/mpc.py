@@ -11,16 +11,39 @@ import numpy as np
 from skillcli.composition.latent_environment import Outcome
 from skillcli.composition.plan import Segment
 from skillcli.composition.planner import Proposal
-from skillcli.composition.route import Route
+from skillcli.composition.route import Route, Walk
 from skillcli.methods import Mpc
 from skillcli.trajectories import Array
 
 MIN_SPREAD = 0.05  # of the box's half edges: the search never narrows to a point
-FAILED = 1e3  # m to go, for a simulation that failed
+FAILED = 1e3  # m, cost of a simulation that failed
+
+
+class Trial:
+    """M sequences of H latents under way, all from one state, segment by segment."""
+
+    def __init__(self, sequences: Array, row: Array, due: int) -> None:
+        count = len(sequences)
+        self.sequences = sequences  # (M, H, d)
+        self.rows = np.tile(row, (count, 1))
+        self.due = np.full(count, due)
+        self.cost, self.over = np.zeros(count), np.zeros(count, dtype=bool)
+        self.segment = 0  # how many were tried already
+        self.first: tuple[Array, Array, Walk] | None = None  # what the first one led to: rows, landmarks, walk
+
+    def take(self, outcome: Outcome, route: Route, within: float) -> None:
+        """What the present segment led to; a sequence that arrived costs nothing more."""
+        walk = route.follow(self.due, outcome.path, within)
+        self.cost += np.where(self.over, 0.0, walk.cost) + np.where(outcome.failed & ~self.over, FAILED, 0.0)
+        self.over |= (walk.arrived > 0) | outcome.failed
+        self.due, self.rows = walk.due, np.where(self.over[:, None], self.rows, outcome.rows)
+        if self.first is None:
+            self.first = outcome.rows, outcome.path, walk
+        self.segment += 1
 
 
 class ModelPredictiveControl:
-    """See `Planner`. In a round, (M, H) latents are tried segment by segment, all M sequences side by side.
+    """See `Planner`.
 
     Args:
         row: (S,) the start state.
@@ -38,45 +61,26 @@ class ModelPredictiveControl:
         self, row: Array, points: Array, route: Route, means: Array, box: Array, settings: Mpc, steps: int, longest: int,
         rng: np.random.Generator,
     ) -> None:  # fmt: skip
-        self._row, self._points, self._due = row, points, np.zeros(1, dtype=int)
+        self._row, self._points, self._due = row, points, 0
         self._route, self._means, self._settings = route, means, settings
         self._box, self._steps, self._longest, self._rng = box, steps, longest, rng
         self._half = (box[1] - box[0]) / 2
         self._mean = np.tile(box.mean(axis=0), (settings.lookahead, 1))  # (H, d)
+        self._spread = np.tile(self._half, (settings.lookahead, 1))
         self._segments: list[Segment] = []
+        self._arrived = len(route.waypoints) == 1 and float(route.final_gap(points[None])[0]) <= settings.goal_tolerance
         self._round = 0
-        self._draw()
-
-    def _draw(self) -> None:
-        """Begin a round: new sequences, all from the present state."""
-        samples, lookahead = self._settings.samples, self._settings.lookahead
-        if self._round == 0:
-            self._spread = np.tile(self._half, (lookahead, 1))
-            self._best: tuple[float, Array] | None = None
-        noise = self._rng.standard_normal((samples, lookahead, len(self._half)))
-        drawn = np.clip(self._mean + self._spread * noise, *self._box)
-        drawn[0] = self._mean
-        if self._round == 0:
-            held = self._means[: samples - 1]
-            drawn[1 : 1 + len(held)] = held[:, None]
-        elif self._best is not None:
-            drawn[1] = self._best[1]
-        self._sequences: Array = drawn
-        self._rows: Array = np.tile(self._row, (samples, 1))
-        self._dues: Array = np.tile(self._due, samples)
-        self._broken: Array = np.zeros(samples, dtype=bool)
-        self._cost: Array = np.zeros(samples)
-        self._at = 0
+        self._trial = self._draw()
 
     @property
     def finished(self) -> bool:
         """See `Planner`: at the last waypoint, or out of time."""
-        return self._arrived() or len(self._segments) >= self._longest
+        return self._arrived or len(self._segments) >= self._longest
 
     @property
     def done(self) -> tuple[int, int, str]:
         """See `Planner`."""
-        left = float(self._route.left(self._due, self._points[None])[0])
+        left = float(self._route.left(np.array([self._due]), self._points[None])[0])
         return len(self._segments), self._longest, f"{left:.3f} m to go"
 
     def plan(self) -> list[Segment]:
@@ -84,44 +88,48 @@ class ModelPredictiveControl:
         return self._segments
 
     def ask(self) -> Proposal:
-        """See `Planner`: the next segment of all sequences of this round."""
-        return Proposal(self._rows, self._sequences[:, self._at], self._steps)
+        """See `Planner`: the next segment of all sequences."""
+        return Proposal(self._trial.rows, self._trial.sequences[:, self._trial.segment], self._steps)
 
     def tell(self, outcome: Outcome) -> None:
         """See `Planner`."""
-        self._dues = self._route.advance(self._dues, outcome.path)
-        self._broken |= outcome.failed
-        points = outcome.path[:, -1]
-        self._cost += np.where(self._broken, FAILED, self._route.left(self._dues, points))
-        self._rows = outcome.rows
-        if self._at == 0:
-            self._first = outcome.rows, points, self._dues
-        self._at += 1
-        if self._at == self._settings.lookahead:
+        self._trial.take(outcome, self._route, self._settings.goal_tolerance)
+        if self._trial.segment == self._settings.lookahead:
             self._judge()
 
+    def _draw(self, best: Array | None = None) -> Trial:
+        """New sequences around the mean, from the present state; the first ones are not left to chance."""
+        settings = self._settings
+        noise = self._rng.standard_normal((settings.samples, settings.lookahead, len(self._half)))
+        drawn = np.clip(self._mean + self._spread * noise, *self._box)
+        held = np.repeat(self._means[:, None], settings.lookahead, axis=1) if best is None else best[None]
+        known = np.concatenate([self._mean[None], held])[: settings.samples]
+        drawn[: len(known)] = known
+        return Trial(drawn, self._row, self._due)
+
     def _judge(self) -> None:
-        """End a round: narrow down around the elites, or take the first latent of the best sequence."""
-        order = np.argsort(self._cost, kind="stable")
-        elites = self._sequences[order[: self._settings.elites]]
-        best = int(order[0])
-        self._mean = elites.mean(axis=0)
-        self._spread = np.maximum(elites.std(axis=0), MIN_SPREAD * self._half)
-        self._best = float(self._cost[best]), self._sequences[best]
+        """A round is over: narrow down around the elites, or take the first latent of the best sequence."""
+        sequences = self._trial.sequences
+        order = np.argsort(self._trial.cost, kind="stable")
+        elites, best = sequences[order[: self._settings.elites]], int(order[0])
+        self._mean, self._spread = elites.mean(axis=0), np.maximum(elites.std(axis=0), MIN_SPREAD * self._half)
         self._round += 1
-        if self._round == self._settings.rounds:
-            self._take(best)
-        if not self.finished:
-            self._draw()
+        if self._round < self._settings.rounds:
+            self._trial = self._draw(sequences[best])
+            return
+        self._take(best)
+        self._trial = self._draw()
 
     def _take(self, best: int) -> None:
-        sequence = self._sequences[best]
-        rows, points, dues = self._first
-        self._row, self._points, self._due = rows[best], points[best], dues[best : best + 1]
-        self._segments.append(Segment(sequence[0], -1, "latent", self._steps))
+        """Go on from where the first latent of a sequence led; the rest of the sequence is what is drawn around next."""
+        assert self._trial.first is not None
+        rows, path, walk = self._trial.first
+        arrived = int(walk.arrived[best])
+        steps = arrived or self._steps
+        self._row, self._points, self._due = rows[best], path[best, steps], int(walk.due[best])
+        sequence = self._trial.sequences[best]
+        self._segments.append(Segment(sequence[0], -1, "latent", steps))
+        self._arrived = arrived > 0
         self._mean = np.concatenate([sequence[1:], sequence[-1:]])
+        self._spread = np.tile(self._half, (self._settings.lookahead, 1))
         self._round = 0
-
-    def _arrived(self) -> bool:
-        at_last = int(self._due[0]) == len(self._route.waypoints) - 1
-        return at_last and float(self._route.final_gap(self._points[None])[0]) <= self._settings.goal_tolerance

@@ -12,6 +12,15 @@ FADE = 0.03  # m from a waypoint within which the place behind the box, which ju
 
 
 @dataclass(frozen=True, eq=False)
+class Walk:
+    """What n paths got done."""
+
+    due: Array  # (n,) the waypoint that is due at the end
+    arrived: Array  # (n,) the step at which the last waypoint was met, 0 where it was not
+    cost: Array  # (n,) m, what was left to go after each step, summed up to there
+
+
+@dataclass(frozen=True, eq=False)
 class Route:
     """Waypoints to be passed in order; at the last one the judged point should stay.
 
@@ -24,16 +33,22 @@ class Route:
     standoff: float = 0.0  # m from the centre of the box to the gripper that pushes it
     approach: float = 0.25  # metres to go that a metre between gripper and that place counts for
 
-    def advance(self, due: Array, path: Array) -> Array:
-        """Which waypoint is due after a path: (n,) indices and (n, T+1, L, 3) m landmarks to (n,) indices.
+    def follow(self, due: Array, path: Array, within: float = 0.0) -> Walk:
+        """What a path gets done: (n,) indices of the waypoints that are due, and (n, T+1, L, 3) m landmarks.
 
-        Row 0 of the path has been looked at before. The last waypoint stays due.
+        Row 0 of the path has been looked at before. The last waypoint stays due; the path is over where it comes `within`
+        that many metres of it, and nothing counts from there on.
         """
-        due = due.copy()
+        due, arrived = due.copy(), np.zeros(len(path), dtype=int)
+        cost: Array = np.zeros(len(path))
+        last = len(self.waypoints) - 1
         for t in range(1, path.shape[1]):
+            under_way = arrived == 0
             gap = np.linalg.norm(path[:, t, 0] - self.waypoints[due], axis=1)
-            due += (gap <= self.tolerance) & (due < len(self.waypoints) - 1)
-        return due
+            due += under_way & (gap <= self.tolerance) & (due < last)
+            arrived[under_way & (due == last) & (self.final_gap(path[:, t]) <= within)] = t
+            cost += np.where(arrived == 0, self.left(due, path[:, t]), 0.0)
+        return Walk(due, arrived, cost)
 
     def gap(self, due: Array, points: Array) -> Array:
         """Landmarks (n, L, 3) m as seen from the waypoint that is due, (n, L, 3) m."""

@@ -16,7 +16,7 @@ from skillcli.composition.plan import Segment
 from skillcli.errors import UsageError
 from skillcli.trajectories import Array
 
-LONGEST = 600.0  # s, of one entry
+LONGEST, LONGEST_PLAN = 600.0, 3600.0  # s, of one entry and of all of them
 _ENTRY = re.compile(r"(?P<a>[^~@:]+)(?:~(?P<b>[^~@:]+)(?:@(?P<share>[^~@:]+))?)?(?::(?P<seconds>[^~@:]+))?")
 
 
@@ -63,7 +63,10 @@ def parse(text: str, names: Sequence[str], seconds: float) -> list[Entry]:
     words = re.sub(r"#.*", "", text).replace(",", " ").split()
     if not words:
         raise UsageError("the plan is empty", "for example --plan 3,4,8,7 or 3:1.0,3~4:1.0,4:1.0")
-    return [_entry(word, names, seconds) for word in words]
+    entries = [_entry(word, names, seconds) for word in words]
+    if sum(entry.seconds for entry in entries) > LONGEST_PLAN:
+        raise UsageError(f"the plan lasts longer than {LONGEST_PLAN:g} s", "shorten it")
+    return entries
 
 
 def skill_index(text: str, names: Sequence[str]) -> int:
