@@ -18,6 +18,7 @@ from skillcli.seeding import generator, torch_generator
 from skillcli.trajectories import Array
 
 FINAL_NOISE = 0.1  # of the noise at the start, in the last round
+EFFORT = 0.1  # weight of the squared units in the actor's loss, which keeps it out of the corners (Andrychowicz et al. 2017)
 
 
 class Replay:
@@ -104,9 +105,8 @@ class DdpgComposer:
         self._seen, self._units, self._led = [], [], []
         self._round += 1
         logged = {"critic_loss": 0.0, "q": 0.0, "noise": self._noise()}
-        if self._round >= self._settings.warm_up:
-            for _ in range(self._settings.gradient_steps):
-                logged |= self._step()
+        for _ in range(self._settings.gradient_steps):
+            logged |= self._step(acting=self._round >= self._settings.warm_up)
         check_finite("ddpg", logged, self.actor, self.critic)
         return logged
 
@@ -130,8 +130,8 @@ class DdpgComposer:
         share = min(1.0, self._round / self._settings.iterations)
         return self._settings.noise * (1.0 - (1.0 - FINAL_NOISE) * share)
 
-    def _step(self) -> dict[str, float]:
-        """One gradient step of critic and actor; the targets follow."""
+    def _step(self, acting: bool) -> dict[str, float]:
+        """One gradient step of the critic, and where it is acting of the actor; the targets follow."""
         features, unit, reward, after, end = self.replay.sample(self._settings.minibatch, self._rng)
         seen, seen_after = self.normalizer(features), self.normalizer(after)
         with torch.no_grad():
@@ -140,8 +140,10 @@ class DdpgComposer:
             target = reward + self._settings.discount * (1.0 - end) * bootstrap
         critic_loss = (self.critic(seen, unit).squeeze(-1) - target).square().mean()
         descend(self._optimizers[1], critic_loss)
-        value = self.critic(seen, self.actor(seen)).mean()
-        descend(self._optimizers[0], -value)
+        mean = self.actor(seen)
+        value = self.critic(seen, mean).mean()
+        if acting:  # not before the critic knows a little: a tanh that was led to a corner is slow to come back
+            descend(self._optimizers[0], EFFORT * mean.square().mean() - value)
         self._follow()
         return {"critic_loss": float(critic_loss.detach()), "q": float(value.detach())}
 
