@@ -18,7 +18,6 @@ from skillcli.seeding import generator, torch_generator
 from skillcli.trajectories import Array
 
 FINAL_NOISE = 0.1  # of the noise at the start, in the last round
-EFFORT = 0.1  # weight of the squared units in the actor's loss, which keeps it out of the corners (Andrychowicz et al. 2017)
 
 
 class Replay:
@@ -62,7 +61,7 @@ class DdpgComposer:
         self._choices = None if choices is None else tensor(self._box.unit(choices))
         make = torch_generator(seed, "ddpg")
         self.normalizer = Normalizer(features)
-        self.actor = Head(features, settings.hidden, size, True, 0.01, make)
+        self.actor = Head(features, settings.hidden, size, False, 0.01, make)
         self.critic = Head(features + size, settings.hidden, 1, False, 1.0, make)
         self._target_actor, self._target_critic = copy.deepcopy(self.actor), copy.deepcopy(self.critic)
         self._optimizers = [torch.optim.Adam(net.parameters(), lr=settings.learning_rate) for net in (self.actor, self.critic)]
@@ -135,17 +134,27 @@ class DdpgComposer:
         features, unit, reward, after, end = self.replay.sample(self._settings.minibatch, self._rng)
         seen, seen_after = self.normalizer(features), self.normalizer(after)
         with torch.no_grad():
-            then = self.project(self._target_actor(seen_after), seen_after, self._target_critic)
+            then = self.project(self._target_actor(seen_after).clamp(-1, 1), seen_after, self._target_critic)
             bootstrap = self._target_critic(seen_after, then).squeeze(-1)
             target = reward + self._settings.discount * (1.0 - end) * bootstrap
         critic_loss = (self.critic(seen, unit).squeeze(-1) - target).square().mean()
         descend(self._optimizers[1], critic_loss)
-        mean = self.actor(seen)
-        value = self.critic(seen, mean).mean()
-        if acting:  # not before the critic knows a little: a tanh that was led to a corner is slow to come back
-            descend(self._optimizers[0], EFFORT * mean.square().mean() - value)
+        if acting:  # not before the critic knows a little
+            unit = self.actor(seen)
+            descend(self._optimizers[0], -(self._uphill(seen, unit.detach()) * unit).sum(-1).mean())
         self._follow()
-        return {"critic_loss": float(critic_loss.detach()), "q": float(value.detach())}
+        return {"critic_loss": float(critic_loss.detach()), "q": float(target.mean())}
+
+    def _uphill(self, seen: Tensor, unit: Tensor) -> Tensor:
+        """dQ/da at actions (n, d), the less the nearer the side of the box it points to, and inverted behind it.
+
+        A tanh in its place is stuck in the first corner that a young critic sends it to (Hausknecht and Stone 2016,
+        arXiv:1511.04143, section 4).
+        """
+        unit.requires_grad_()
+        (gradient,) = torch.autograd.grad(self.critic(seen, unit).sum(), unit)
+        room = torch.where(gradient > 0, 1.0 - unit, 1.0 + unit) / 2
+        return gradient * room.detach()
 
     @torch.no_grad()
     def _follow(self) -> None:

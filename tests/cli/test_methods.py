@@ -83,12 +83,15 @@ def test_every_method_reports_the_same_keys_and_writes_a_sound_artifact(
 
 
 @pytest.mark.parametrize("method", TYPED)
-def test_every_composition_can_be_transferred_and_drawn(
-    composed: tuple[Path, dict[str, Any]], method: str, tmp_path: Path
-) -> None:
+def test_every_composition_can_be_transferred(composed: tuple[Path, dict[str, Any]], method: str) -> None:
     store, found = composed
     words = ("transfer-eval", found[method]["id"], "--domain", "mild", "--episodes", "2", "--name", f"{method}-t")
     assert made("--store", store, *words)["domains"][0]["episodes"] == 2
+
+
+@pytest.mark.parametrize("method", ["interpolate", "ddpg"])  # with blends, and with latents that are no skill's
+def test_blends_and_any_latents_can_be_drawn(composed: tuple[Path, dict[str, Any]], method: str, tmp_path: Path) -> None:
+    store, found = composed
     rrd, png = tmp_path / "x.rrd", tmp_path / "x.png"
     made("--store", store, "viz", found[method]["id"], "-o", rrd, "--png", png)
     assert rrd.stat().st_size > 1000 and png.stat().st_size > 1000

@@ -77,9 +77,9 @@ def test_a_composer_is_stored_with_weights_curves_and_the_plan_it_made(copy: Sto
     told: list[Progress] = []
     artifact = compose(store, source.id, recipe, request, "ddpg", "test", "composer", told.append)
     assert artifact.arrays["composer/actor.body.0.weight"].shape == (64, 10 + 3), "observation and gap to the goal"
-    assert artifact.arrays["curves/env_steps"].tolist() == [80, 160, 240] and len(artifact.arrays["curves/return"]) == 3
+    assert artifact.arrays["curves/env_steps"].tolist() == [40, 80, 120] and len(artifact.arrays["curves/return"]) == 3
     assert artifact.arrays["plan/latent"].shape == (2, 3) and artifact.arrays["plan/skill"].tolist() == [-1, -1]
-    assert artifact.results["simulated_robot_seconds"] == pytest.approx(240 * 0.05)
+    assert artifact.results["simulated_robot_seconds"] == pytest.approx(120 * 0.05)
     greedy = artifact.arrays["curves/greedy_final_distance"].min()
     assert artifact.results["final_distance_m"] == pytest.approx(greedy, abs=1e-4), "executed as it was found"
     assert told and told[-1].done <= told[-1].total == 3
