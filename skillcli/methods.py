@@ -81,7 +81,7 @@ class Mpc(Section):
     """Model predictive control in the latent space: the cross-entropy method, anew for every segment."""
 
     segment: float = value(0.25, "how long one latent is held, and after which there is replanning", "s", gt=0, le=60)
-    lookahead: int = value(3, "segments that are looked ahead", "segments", ge=1, le=100)
+    lookahead: int = value(2, "segments that are looked ahead", "segments", ge=1, le=100)
     samples: int = value(48, "sequences of latents tried at once", "", ge=2, le=4096)
     elites: int = value(8, "of these, the best ones that the next are drawn around", "", ge=1)
     rounds: int = value(2, "times that sequences are drawn before each segment", "", ge=1, le=100)

@@ -28,6 +28,15 @@ def final_distance(trajectories: Trajectories) -> Array:
     return distance
 
 
+def distance_summary(distance: Array) -> dict[str, float]:
+    """Mean, median and 90th percentile of distances (E,), m."""
+    return {
+        "mean": float(distance.mean()),
+        "median": float(np.median(distance)),
+        "p90": float(np.quantile(distance, 0.9)),
+    }
+
+
 def pairwise_distance(points: Array) -> Array:
     """Euclidean distances between all rows, (K, d) to (K, K)."""
     distance: Array = np.linalg.norm(points[:, None] - points[None], axis=-1)

@@ -34,6 +34,7 @@ PARAMETERS: dict[str, tuple[int, str, str]] = {
     "start_offset": (7, "rad", "offset of each joint from the start pose"),
     "object_offset": (2, "m", "offset of the box from its nominal start, x and y"),
 }
+RANGE_KEYS = {"uniform", "log_uniform", "one_of", "kind", "values"}  # how a range is written, and stored
 NEUTRAL = {name: 1.0 if unit == "factor" else 0.0 for name, (_, unit, _) in PARAMETERS.items()}
 
 

@@ -19,7 +19,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from skillcli.errors import UsageError
 from skillcli.methods import Ddpg, Interpolate, Mpc, Ppo, Sequence
-from skillcli.perturbation import Ranges
+from skillcli.perturbation import RANGE_KEYS, Ranges
 from skillcli.section import Section, value
 
 Vector3 = tuple[float, float, float]
@@ -132,6 +132,7 @@ class Embedding(Section):
     arrangement: Literal["goals", "random"] = value(
         "goals", "means start arranged as the goals are, which makes the latent space a map; or spread at random", ""
     )
+    fixed_means: bool = value(False, "the means stay where they start; only the standard deviations are learned")
     initial_std: float = value(0.3, "standard deviation of p(z|t) at the start", "", gt=0)
     min_std: float = value(0.05, "lower bound of the standard deviation of p(z|t)", "", gt=0)
     max_std: float = value(0.5, "upper bound of the standard deviation of p(z|t)", "", gt=0)
@@ -147,6 +148,9 @@ class Network(Section):
     """Sizes of the networks; all of them are tanh multilayer perceptrons."""
 
     policy_hidden: tuple[int, ...] = value((128, 128), "hidden layers of the policy", "units")
+    linear_latent: bool = value(
+        False, "the policy's mean is affine in the latent: between two latents it acts between the two, in every state"
+    )
     value_hidden: tuple[int, ...] = value((128, 128), "hidden layers of the value function", "units")
     inference_hidden: tuple[int, ...] = value((64, 64), "hidden layers of the inference network", "units")
     initial_action_std: float = value(0.6, "exploration at the start, in units of the action limit", "", ge=0.02, le=1)
@@ -172,8 +176,9 @@ class Training(Section):
     minibatch: int = value(4096, "samples per gradient step", "samples", ge=1)
     clip: float = value(0.2, "clipping range of the policy ratio", "", gt=0, lt=1)
     learning_rate: float = value(1e-3, "step size at the start, and of value and inference", "", gt=0, le=1)
-    target_kl: float = value(
-        0.01, "the step size is adapted to this KL divergence per update, which shrinks linearly to a twentieth", "nat", gt=0
+    target_kl: float = value(0.01, "the step size is adapted to this KL divergence per update", "nat", gt=0)
+    settle_from: float = value(
+        0.0, "share of the training from which on the target KL shrinks, linearly to a twentieth at the end", "", ge=0, le=1
     )
     max_grad_norm: float = value(0.5, "gradients are clipped to this norm", "", gt=0)
     reward_scale: float = value(5.0, "factor on the task's reward", "", gt=0)
@@ -184,22 +189,37 @@ class Training(Section):
     policy_entropy: float = value(0.001, "alpha_3: weight of H{pi(a|s,z)}", "", ge=0)
 
 
-class Randomisation(Section):
-    """What differs from episode to episode while training (Tobin et al. 2017; Peng et al. 2018); nothing by default."""
+Span = tuple[float, float]
 
-    always: Ranges = value({}, "drawn anew for every simulation and episode, from the first iteration on")
-    late: Ranges = value({}, "the same, but only in a share of the simulations that grows: hard to learn under from scratch")
-    late_from: float = value(0.3, "share of the training after which the late ones begin", "", ge=0, le=1)
-    late_full: float = value(0.7, "share of the training after which they are in every simulation", "", ge=0, le=1)
+
+class Randomisation(Section):
+    """What differs from episode to episode while training (Tobin et al. 2017, Peng et al. 2018); nothing by default.
+
+    Wide starts, latency and noise are slow to learn under from scratch. They reach a share of the simulations that grows
+    over a span of the training.
+    """
+
+    dynamics: Ranges = value({}, "of the robot and the box, in every episode")
+    starts: Ranges = value({}, "of where arm and box start, phased in over `starts_span`")
+    sensing: Ranges = value({}, "of latency and sensors, phased in over `sensing_span`")
+    starts_span: Span = value((0.05, 0.4), "shares of the training at which starts begin to vary, and vary everywhere", "")
+    sensing_span: Span = value((0.5, 0.8), "shares of the training at which sensing begins to vary, and varies everywhere", "")
 
     @model_validator(mode="after")
     def _once_each(self) -> Randomisation:
-        twice = sorted(self.always.keys() & self.late.keys())
+        names = [*self.dynamics, *self.starts, *self.sensing]
+        twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise ValueError(f"{twice[0]} is both in always and in late")
-        if self.late_from > self.late_full:
-            raise ValueError("late_from <= late_full must hold")
+            raise ValueError(f"{twice[0]} is named more than once")
+        for span in (self.starts_span, self.sensing_span):
+            if not 0 <= span[0] <= span[1] <= 1:
+                raise ValueError(f"a span is two shares of the training in order, between 0 and 1, got {list(span)}")
         return self
+
+    @property
+    def ranges(self) -> Ranges:
+        """All of them, by name."""
+        return {**self.dynamics, **self.starts, **self.sensing}
 
 
 class Evaluation(Section):
@@ -326,12 +346,16 @@ def describe(recipe: Recipe) -> list[tuple[str, Any, str, str]]:
         item = getattr(recipe, key)
         if isinstance(item, Section):
             rows += [
-                (f"{key}.{sub}", getattr(item, sub), _unit(info), info.description or "")
+                (f"{key}.{sub}", _readable(getattr(item, sub)), _unit(info), info.description or "")
                 for sub, info in type(item).model_fields.items()
             ]
         else:
             rows.append((key, item, _unit(field), field.description or ""))
     return rows
+
+
+def _readable(item: Any) -> Any:
+    return ", ".join(f"{name} {drawn}" for name, drawn in item.items()) if isinstance(item, dict) else item
 
 
 def _unit(field: Any) -> str:
@@ -364,6 +388,7 @@ def _merge(base: dict[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
     for key, item in change.items():
         old = merged.get(key)
         same_kind = isinstance(item, Mapping) and isinstance(old, dict) and item.get("name", old.get("name")) == old.get("name")
+        same_kind = same_kind and not item.keys() & RANGE_KEYS  # a range is one value
         merged[key] = _merge(old, item) if same_kind and isinstance(old, dict) else item
     return merged
 

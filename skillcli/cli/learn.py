@@ -91,7 +91,9 @@ def compose(
     task: Annotated[str, typer.Option("--task", help="A named composition, see `skill tasks`.", metavar="NAME")] = "",
     goal: Annotated[
         list[str] | None,
-        typer.Option("--goal", help="Where to go, in metres; several are met in order.", metavar="X,Y[,Z]"),
+        typer.Option(
+            "--goal", help="Where to go, m (push: displacement of the box); several are met in order.", metavar="X,Y[,Z]"
+        ),
     ] = None,
     name: Name = None,
     overrides: Set = None,
@@ -236,7 +238,8 @@ def _numbers(text: str) -> list[float]:
     try:
         return [float(part) for part in text.split(",")]
     except ValueError:
-        raise UsageError(f"--goal {text!r}: expected numbers in metres", "for example --goal 0.6,0.0,0.2") from None
+        hint = "for example --goal 0.6,0.0,0.2 for reach, --goal 0.1,-0.1 for push"
+        raise UsageError(f"--goal {text!r}: expected numbers in metres", hint) from None
 
 
 def _done(session: Session, artifact: Artifact, then: str) -> None:

@@ -35,6 +35,10 @@ def pretrain(artifact: Artifact) -> Group:
         f" ({speed['env_steps_per_second']:,.0f}/s{share}); success {found['success_rate']:.1%}, "
         f"skills recognised {found['embedding']['inference_accuracy']:.1%}"
     )
+    if found.get("randomised"):
+        other = found["randomised"]
+        median = _centimetres(other["final_distance_m"]["median"])
+        caption += f"\non robots and starts as varied as in training: success {other['success_rate']:.1%}, median {median}"
     return Group(f"[bold]{artifact.id}[/]", table, caption)
 
 
@@ -47,7 +51,19 @@ def means(artifact: Artifact) -> Group:
     efficiency, r = artifact.results["efficiency"], artifact.results["latent_goal_correlation"]
     shown = ["–" if number is None else f"{number:.3f}" for number in (efficiency, r)]
     caption = f"embedding efficiency {shown[0]} (lower is better separated), latent against goal distances r = {shown[1]}"
-    return Group(f"[bold]{artifact.id}[/]", table, caption)
+    return Group(f"[bold]{artifact.id}[/]", table, caption, *_between(artifact))
+
+
+def _between(artifact: Artifact) -> list[Table]:
+    """What the mean of two neighbouring latents does."""
+    if not artifact.results["halfway"]:
+        return []
+    table = _table("mean of", "from half-way between the goals", "direction off by", "way against that")
+    for pair in artifact.results["halfway"]:
+        angle, ratio = pair["direction_error_deg"], pair["magnitude_ratio"]
+        shown = ("–" if angle is None else f"{angle:.0f}°", "–" if ratio is None else f"{ratio:.2f}")
+        table.add_row(f"{pair['from']}, {pair['to']}", _centimetres(pair["final_distance_m"]), *shown)
+    return [table]
 
 
 def plan(artifact: Artifact) -> Group:
@@ -58,11 +74,16 @@ def plan(artifact: Artifact) -> Group:
         target = ", ".join(f"{x:g}" for x in waypoint["target"])
         table.add_row(str(index + 1), target, _centimetres(waypoint["closest_m"]))
     steps = " ".join(f"{segment['skill']}:{segment['seconds']:.2f}s" for segment in found["segments"])
-    caption = (
-        f"{'success' if found['success'] else 'no success'}, "
-        f"ends {_centimetres(found['final_distance_m'])} from the last goal; "
-        f"planned in {artifact.measured['planning_seconds']:.1f} s, {found['expanded_nodes']} nodes\nplan {steps}"
-    )
+    met = "success" if found["success"] else "no success"
+    ends = f"ends {_centimetres(found['final_distance_m'])} from the last goal"
+    if found["routes"] > 1:
+        met, ends = f"{round(found['success_rate'] * found['routes'])} of {found['routes']} routes succeed", f"the worst {ends}"
+        steps = "; ".join(
+            " ".join(f"{each['skill']}:{each['seconds']:.2f}s" for each in found["segments"] if each["route"] == route)
+            for route in range(found["routes"])
+        )
+    effort = f"planned in {artifact.measured['planning_seconds']:.1f} s, {found['expanded_nodes']} nodes"
+    caption = f"{met}, {ends}; {effort}\nplan {steps}"
     return Group(f"[bold]{artifact.id}[/]: {found['method']}, {found['task']}", table, caption)
 
 

@@ -29,6 +29,7 @@ class ArmEnvironment:
     observation_size = 10
     action_size = 7
     privileged_size = 0
+    failure_reward = 0.0  # of the step that fails
 
     def __init__(self, task: ArmTask, spec: mujoco.MjSpec, goals: Array, num: int, threads: int) -> None:
         self.num, self.horizon, self.tolerance = num, task.horizon, task.tolerance
@@ -115,7 +116,8 @@ class ArmEnvironment:
         failed = self.failed()
         if failed.any():  # a failed episode ends in a clear state, at the start, and never in NaN
             self._place(np.flatnonzero(failed))
-        return Step(self.observe(), self.reward(), failed, self._elapsed >= self.horizon)
+        reward = np.where(failed, self.failure_reward, self.reward())
+        return Step(self.observe(), reward, failed, self._elapsed >= self.horizon)
 
     def save(self, ids: Array) -> Array:
         """See `Environment`."""

@@ -133,7 +133,7 @@ class Arms:
         links = np.array([model.joint(name).bodyid[0] for name in JOINTS])
         servos = np.array([model.actuator(name).id for name in JOINTS])
         table = model.geom("table").id
-        touching = np.array([table, model.geom(OBJECT).id] if self._has_object else [table])
+        touching = np.array([model.geom(name).id for name in ("table", *((OBJECT,) if self._has_object else ()))])
         objects = np.array([model.body(OBJECT).id] if self._has_object else [], dtype=int)
         changed: dict[str, list[tuple[str, tuple[Any, ...], bool]]] = {
             # parameter: model field, where in it, and whether it is scaled, else added to

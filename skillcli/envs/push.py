@@ -9,22 +9,23 @@ import numpy as np
 
 from skillcli.envs import sawyer
 from skillcli.envs.arm_environment import ArmEnvironment
+from skillcli.envs.arms import OBJECT
 from skillcli.envs.environment import Array
 from skillcli.recipe import PushTask
 
 # Contact. The friction cone is elliptic, else friction would depend on the direction of a push; condim 4 adds the torsion
 # that keeps a box from spinning under a finger; impratio makes friction stiffer than the normal force, so that a pushed
-# box does not creep. solref is the shortest time constant that a step of 5 ms carries, and solimp rises to 0.99: a finger
-# that presses the box on the table with all its strength sinks in by less than 1 mm. docs/experiments.md has the study.
+# box does not creep. Impedance rises from nothing over the first 3 mm: where a box goes then does not hang on the instant
+# of a touch, and halving the time step moves the end of a push by 1 mm instead of 12. docs/experiments.md has the study.
 IMPRATIO = 10.0
-SOLREF = (0.01, 1.0)
-SOLIMP = (0.95, 0.99, 0.001, 0.5, 2.0)
+SOLREF, SOLIMP = (0.015, 1.0), (0.0, 0.99, 0.003, 0.5, 1.0)
 TORSION, ROLLING = 0.005, 1e-4  # m, MuJoCo's own
 
 # The finger should stand this far behind the face that it pushes, m: the radius of its ball, nearly touching.
 CONTACT_GAP = 0.015
 LIFTED = 0.05  # m above its rest: a box that flies
 THROWN = 2.0  # m/s: three times what the fastest push gives it
+LOST = -15.0  # reward of losing the box: worse than any way of going on, else losing it would end the costs
 
 
 def push_spec(task: PushTask, delay: bool = False) -> mujoco.MjSpec:
@@ -33,16 +34,16 @@ def push_spec(task: PushTask, delay: bool = False) -> mujoco.MjSpec:
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = IMPRATIO
     half = np.array(task.box_size) / 2
-    box = spec.worldbody.add_body(name="box", pos=[*task.box_start, sawyer.TABLE_TOP + half[2]])
-    box.add_freejoint(name="box")
+    box = spec.worldbody.add_body(name=OBJECT, pos=[*task.box_start, sawyer.TABLE_TOP + half[2]])
+    box.add_freejoint(name=OBJECT)
     box.add_geom(
-        name="box",
+        name=OBJECT,
         type=mujoco.mjtGeom.mjGEOM_BOX,
         size=half,
         mass=task.box_mass,
         rgba=[0.85, 0.55, 0.2, 1],
         condim=4,
-        priority=2,  # its friction holds against table and finger alike
+        priority=2,  # what it says holds against table and finger alike
         friction=[task.friction, TORSION, ROLLING],
         solref=SOLREF,
         solimp=SOLIMP,
@@ -67,6 +68,7 @@ class PushEnvironment(ArmEnvironment):
 
     # goal, box speed, finger to the point behind the box; friction, mass, stiffness and latency of this robot
     privileged_size = 11
+    failure_reward = LOST
 
     def __init__(self, task: PushTask, num: int, threads: int = 0, delay: bool = False) -> None:
         self._half = np.array(task.box_size) / 2
@@ -117,12 +119,16 @@ class PushEnvironment(ArmEnvironment):
         - minus 2 times the distance of box and goal: what is asked for
         - minus 0.5 times the distance of the finger and the point behind the box: leads the finger round the box, since a
           push from the wrong side makes the first term worse. Fades within 3 cm of the goal, where that point jumps.
-        - plus 0.1 times how far inside 3 cm the box is, from 0 at the rim to 1 at the goal: worth finishing
+        - plus 0.3 times how far inside 5 cm the box is, from 0 at the rim to 1 at the goal: the last centimetres cost a
+          detour round the box, and are worth it
+
+        The step that loses the box earns `LOST` instead.
         """
         distance = np.linalg.norm(self.target[:, :2] - self.arms.object_pose[:, :2], axis=1)
         finger = np.linalg.norm(self.arms.gripper_position - self.behind(), axis=1)
         near = np.maximum(0.0, 1.0 - distance / 0.03)
-        shaped: Array = -2.0 * distance - 0.5 * finger * (1.0 - near) + 0.1 * near
+        inside = np.maximum(0.0, 1.0 - distance / 0.05)
+        shaped: Array = -2.0 * distance - 0.5 * finger * (1.0 - near) + 0.3 * inside
         return shaped
 
     def failed(self) -> Array:

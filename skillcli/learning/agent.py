@@ -15,6 +15,7 @@ from skillcli.learning.networks import (
     Normalizer,
     Policy,
     Value,
+    affine,
     arranged,
     spread,
 )
@@ -45,14 +46,16 @@ class Agent(nn.Module):
         self.normalizer = Normalizer(observation)
         if privileged:
             self.privileged_normalizer = Normalizer(privileged)
-        self.policy = Policy(observation, embedding.size, action, network.policy_hidden, network.initial_action_std, make)
+        self.policy = Policy(
+            observation, embedding.size, action, network.policy_hidden, network.initial_action_std, make, network.linear_latent
+        )
         bounds = (embedding.min_std, embedding.max_std)
         first_means = (
             arranged(torch.as_tensor(goals, dtype=torch.float32), embedding.size, make)
             if embedding.arrangement == "goals"
             else spread(skills, embedding.size, make)
         )
-        self.embedding = Embedding(first_means, embedding.initial_std, bounds)
+        self.embedding = Embedding(first_means, embedding.initial_std, bounds, embedding.fixed_means)
         window_size = embedding.window * observation
         self.inference = Inference(window_size, embedding.size, network.inference_hidden, make)
         self.value = Value(observation, privileged, embedding.size, skills, network.value_hidden, make)
@@ -113,9 +116,13 @@ class Actor:
         with torch.no_grad():
             first, *rest = (layer for layer in agent.policy.body if isinstance(layer, nn.Linear))
             size = agent.normalizer.mean.shape[0]
+            self._latent = torch.as_tensor(latent, dtype=torch.float32)
+            self._linear = agent.policy.linear
             self._mean, self._scale = agent.normalizer.mean.clone(), agent.normalizer.scale()
             self._weight = first.weight[:, :size].T.contiguous()
-            self._offset = torch.addmm(first.bias, torch.as_tensor(latent, dtype=torch.float32), first.weight[:, size:].T)
+            self._offset = first.bias.detach().clone()
+            if not self._linear:
+                self._offset = torch.addmm(first.bias, self._latent, first.weight[:, size:].T)
             self._rest = [(layer.bias.detach().clone(), layer.weight.detach().T.contiguous()) for layer in rest]
 
     @torch.no_grad()
@@ -125,7 +132,7 @@ class Actor:
         x = torch.addmm(self._offset, normalized, self._weight)
         for bias, weight in self._rest:
             x = torch.addmm(bias, x.tanh_(), weight)
-        action: Array = x.numpy()
+        action: Array = (affine(x, self._latent) if self._linear else x).numpy()
         return action
 
 

@@ -75,17 +75,17 @@ class Learner:
         return point
 
     def _randomise(self) -> None:
-        """Draw another robot for every simulation; the late parameters reach a share of them that grows with training."""
+        """Draw another robot and start for every simulation; what is phased in spares a share of them that shrinks."""
         chosen = self.recipe.randomisation
-        if not chosen.always and not chosen.late:
+        if not chosen.ranges:
             return
-        parameters = perturbation.sample({**chosen.always, **chosen.late}, self.env.num, self.rng)
+        parameters = perturbation.sample(chosen.ranges, self.env.num, self.rng)
         progress = self.iteration / self.recipe.training.iterations
-        span = chosen.late_full - chosen.late_from
-        share = np.clip((progress - chosen.late_from) / span, 0, 1) if span > 0 else float(progress >= chosen.late_from)
-        spared = self.rng.random(self.env.num) >= share
-        for name in chosen.late:
-            parameters[name][spared] = perturbation.NEUTRAL[name]
+        for ranges, (begin, full) in ((chosen.starts, chosen.starts_span), (chosen.sensing, chosen.sensing_span)):
+            share = float(progress >= begin) if begin == full else (progress - begin) / (full - begin)
+            spared = self.rng.random(self.env.num) >= share
+            for name in ranges:
+                parameters[name][spared] = perturbation.NEUTRAL[name]
         self.env.perturb(parameters, np.random.default_rng(self.rng.integers(2**63)))
 
     def _outcome(self, rollout: Rollout) -> dict[str, float]:

@@ -28,19 +28,41 @@ def mlp(sizes: Sequence[int], last_gain: float, generator: torch.Generator) -> n
 
 
 class Policy(nn.Module):
-    """pi(a|s,z): mean from the network, standard deviation per action dimension. Actions are in units of the limit."""
+    """pi(a|s,z): mean from the network, standard deviation per action dimension. Actions are in units of the limit.
+
+    Args:
+        observation: size o.
+        latent: size d.
+        action: size a.
+        hidden: layers.
+        std: of the action at the start.
+        generator: of the first weights.
+        linear: the mean is affine in z, f(s) + G(s) z. A latent between two skills then gives the action between theirs, in
+            every state: the latent space inherits the metric of the actions. Otherwise z is one more input.
+    """
 
     MIN_STD, MAX_STD = 0.02, 1.0
 
     def __init__(
-        self, observation: int, latent: int, action: int, hidden: Sequence[int], std: float, generator: torch.Generator
+        self,
+        observation: int,
+        latent: int,
+        action: int,
+        hidden: Sequence[int],
+        std: float,
+        generator: torch.Generator,
+        linear: bool = False,
     ) -> None:
         super().__init__()
-        self.body = mlp([observation + latent, *hidden, action], 0.01, generator)
+        self.linear = linear
+        inputs, outputs = (observation, action * (1 + latent)) if linear else (observation + latent, action)
+        self.body = mlp([inputs, *hidden, outputs], 0.01, generator)
         self.log_std = nn.Parameter(torch.full((action,), math.log(std)))
 
     def forward(self, observation: Tensor, latent: Tensor) -> Tensor:
         """Mean action: normalised observations (..., o) and latents (..., d) to (..., a)."""
+        if self.linear:
+            return affine(self.body(observation), latent)
         mean: Tensor = self.body(torch.cat([observation, latent], -1))
         return mean
 
@@ -55,13 +77,21 @@ class Policy(nn.Module):
         self.log_std.clamp_(math.log(self.MIN_STD), math.log(self.MAX_STD))
 
 
-class Embedding(nn.Module):
-    """p(z|t): per skill a mean in (-1, 1) and a standard deviation within bounds."""
+def affine(parts: Tensor, latent: Tensor) -> Tensor:
+    """f + G z from the two side by side: (..., (1 + d) * a) and (..., d) to (..., a)."""
+    offset, *slopes = parts.chunk(1 + latent.shape[-1], -1)
+    for slope, component in zip(slopes, latent.unbind(-1), strict=True):
+        offset = torch.addcmul(offset, slope, component[..., None])
+    return offset
 
-    def __init__(self, mean: Tensor, std: float, bounds: tuple[float, float]) -> None:
+
+class Embedding(nn.Module):
+    """p(z|t): per skill a mean in (-1, 1) and a standard deviation within bounds; fixed means are not learned."""
+
+    def __init__(self, mean: Tensor, std: float, bounds: tuple[float, float], fixed: bool = False) -> None:
         super().__init__()
         self.bounds = bounds
-        self.raw_mean = nn.Parameter(torch.atanh(mean))
+        self.raw_mean = nn.Parameter(torch.atanh(mean), requires_grad=not fixed)
         self.raw_std = nn.Parameter(torch.full_like(mean, inverse_bounded_std(std, *bounds)))
 
     @property

@@ -60,6 +60,12 @@ def adapted_learning_rate(rate: float, kl: float, target: float) -> float:
 FINAL_KL_SHARE = 0.05  # of the target KL, at the end of training
 
 
+def settled_kl(target: float, settle_from: float, progress: float) -> float:
+    """The target KL at some progress of the training: as given up to `settle_from`, then shrinking linearly."""
+    left = 1.0 - max(0.0, progress - settle_from) / max(1.0 - settle_from, 1e-9)
+    return target * max(FINAL_KL_SHARE, left)
+
+
 @dataclass(frozen=True)
 class Batch:
     """A rollout, flattened to its n valid steps, with everything the losses need."""
@@ -148,13 +154,14 @@ def update(
 ) -> dict[str, float]:
     """Several epochs over one batch. Policy and embedding, and value and inference, share no weights: two threads.
 
-    The target KL shrinks with the training's progress, from 0 to 1: the last steps settle instead of wandering.
+    `progress` of the training goes from 0 to 1. Towards its end the target KL shrinks: the last steps settle instead of
+    wandering.
 
     Each thread runs its own torch operations on one core, so the result does not depend on how many cores there are.
     """
     orders = [rng.permutation(len(batch.skill)) for _ in range(training.epochs)]
     with ThreadPoolExecutor(2, initializer=torch.set_num_threads, initargs=(1,)) as threads:
-        target_kl = training.target_kl * max(FINAL_KL_SHARE, 1.0 - progress)
+        target_kl = settled_kl(training.target_kl, training.settle_from, progress)
         actor = threads.submit(_update_actor, batch, agent, optimizers, training, target_kl, orders)
         critic = threads.submit(_update_critics, batch, agent, optimizers, training, orders)
         return actor.result() | critic.result()

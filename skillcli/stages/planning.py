@@ -109,7 +109,7 @@ def by_search(leg: Leg) -> Planned:
             step_seconds=leg.period,
             weight=settings.weight,
             max_speed=settings.max_speed,
-            approach_speed=settings.approach_speed,
+            approach_speed=settings.approach_speed if standoff(leg.recipe.task) else 0.0,
             standoff=standoff(leg.recipe.task),
             final_speed=settings.final_speed or float("inf"),
             budget=settings.budget,

@@ -18,6 +18,7 @@ from skillcli.errors import Interrupted
 from skillcli.learning.agent import Agent
 from skillcli.learning.learner import Learner
 from skillcli.learning.playback import play
+from skillcli.perturbation import sample
 from skillcli.recipe import Recipe
 from skillcli.seeding import generator
 from skillcli.stages.library import TRAINED, fingerprint, skill_names
@@ -77,8 +78,8 @@ def pretrain(
     store.check_writable(name)
     checkpoint = store.checkpoint_path(name, "pretrain", inputs_of(recipe, seed))
     with stoppable() as stop:
-        randomised = recipe.randomisation.always | recipe.randomisation.late
-        env = make(recipe.task, recipe.training.simulations, threads, delay="latency" in randomised)
+        delay = "latency" in recipe.randomisation.ranges
+        env = make(recipe.task, recipe.training.simulations, threads, delay)
         learner, bare = Learner(env, recipe, seed), BareEngine(env)
         spent = 0.0
         if resume and checkpoint.exists():
@@ -98,7 +99,8 @@ def pretrain(
         wall = wall_seconds()
         save()  # judging and writing may still be interrupted, or find the disk full
     evaluation = evaluate(recipe, learner.agent, seed, threads)
-    artifact = store.write(_draft(recipe, seed, name, command, learner, evaluation, bare.rate, wall))
+    randomised = evaluate_randomised(recipe, learner.agent, seed, threads)
+    artifact = store.write(_draft(recipe, seed, name, command, learner, evaluation, randomised, bare.rate, wall))
     remove_checkpoint(checkpoint)
     return artifact
 
@@ -160,6 +162,28 @@ def evaluate(recipe: Recipe, agent: Agent, seed: int, threads: int = 0) -> Evalu
     )
 
 
+def evaluate_randomised(recipe: Recipe, agent: Agent, seed: int, threads: int = 0) -> dict[str, Any] | None:
+    """The mean latents where everything differs that differed in training, all at once; None where nothing did."""
+    ranges = recipe.randomisation.ranges
+    if not ranges:
+        return None
+    mean, _ = agent.embed()
+    skill = np.tile(np.arange(len(mean)), 1 + recipe.evaluation.latents)
+    env = make(recipe.task, len(skill), threads, delay="latency" in ranges)
+    rng = generator(seed, "evaluation on other robots")
+    env.perturb(sample(ranges, env.num, rng), rng)
+    env.reset(np.arange(env.num), skill)
+    fed = np.repeat(skill[:, None], env.horizon, axis=1)
+    recording, _ = play(env, agent.act, np.repeat(mean[skill][:, None], env.horizon, axis=1), fed)
+    successes = int(recording.success.sum())
+    return {
+        "episodes": env.num,
+        "success_rate": successes / env.num,
+        "ci95": list(metrics.wilson_interval(successes, env.num)),
+        "final_distance_m": metrics.distance_summary(metrics.final_distance(recording)),
+    }
+
+
 def play_held(
     recipe: Recipe, agent: Agent, latent: Array, target: Array, fed: Array, threads: int = 0
 ) -> tuple[Trajectories, Array]:
@@ -188,6 +212,7 @@ def _draft(
     command: str,
     learner: Learner,
     evaluation: Evaluation,
+    randomised: dict[str, Any] | None,
     bare_rate: float | None,
     wall: float,
 ) -> Draft:
@@ -213,7 +238,7 @@ def _draft(
             "evaluation/inferred": evaluation.inferred,
             **{f"trajectories/{field}": array for field, array in evaluation.trajectories.arrays().items()},
         },
-        results=_results(recipe, learner, evaluation),
+        results={**_results(recipe, learner, evaluation), "randomised": randomised},
         measured={
             "wall_seconds": wall,
             "peak_memory_mb": peak_memory_mb(),

@@ -164,11 +164,7 @@ def _summary(target: Domain, recording: Trajectories, source_rate: float) -> dic
         "successes": successes,
         "success_rate": successes / episodes,
         "ci95": list(metrics.wilson_interval(successes, episodes)),
-        "final_distance_m": {
-            "mean": float(distance.mean()),
-            "median": float(np.median(distance)),
-            "p90": float(np.quantile(distance, 0.9)),
-        },
+        "final_distance_m": metrics.distance_summary(distance),
         "retention": successes / episodes / source_rate if source_rate > 0 else None,
         "parameters": {name: PARAMETERS[name][2] for name in target.parameters},
     }
