@@ -130,3 +130,33 @@ def ordered_approach(path: Array, waypoints: Array, tolerance: float) -> Array:
         moment = int(moments[w][moment])
         closest[w] = distance[w, moment]
     return closest
+
+
+RETREAT = 0.01  # of the way between two goals: a motion that falls back by less counts as monotone
+
+
+def interpolation_calibration(end: Array, goal_a: Array, goal_b: Array, share: Array) -> dict[str, float | bool]:
+    """How faithfully latents (1-λ) z_a + λ z_b, held, lead to the same fraction of the way between two goals.
+
+    f is the end projected on the line from goal a (0) to goal b (1). The error at one λ is |f - λ|: along the line alone;
+    the distance from the line is `off_line_m`.
+
+    Args:
+        end: (S, 3) m, where the motion ends.
+        goal_a: (3,) m.
+        goal_b: (3,) m.
+        share: (S,) λ, increasing, from 0 to 1.
+
+    Returns:
+        error: mean |f - λ|; error_at_half: |f - λ| at λ = ½, between the nearest two where ½ is not among them;
+        monotone: f never falls by more than `RETREAT` from one λ to the next; off_line_m: mean distance from the line, m.
+    """
+    way = goal_b - goal_a
+    fraction = (end - goal_a) @ way / (way @ way)
+    off_line = np.linalg.norm(end - goal_a - fraction[:, None] * way, axis=1)
+    return {
+        "error": float(np.abs(fraction - share).mean()),
+        "error_at_half": float(abs(np.interp(0.5, share, fraction) - 0.5)),
+        "monotone": bool((np.diff(fraction) >= -RETREAT).all()),
+        "off_line_m": float(off_line.mean()),
+    }

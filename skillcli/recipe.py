@@ -15,24 +15,15 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from skillcli.errors import UsageError
+from skillcli.methods import Ddpg, Interpolate, Mpc, Ppo, Sequence
 from skillcli.perturbation import RANGE_KEYS, Ranges
+from skillcli.section import Section, value
 
 Vector3 = tuple[float, float, float]
 Joints = tuple[float, float, float, float, float, float, float]
-
-
-def value(default: Any, description: str, unit: str = "", **bounds: Any) -> Any:
-    """A recipe field: its default, what it means, its unit, and the bounds it must keep."""
-    return Field(default=default, description=description, json_schema_extra={"unit": unit}, **bounds)
-
-
-class Section(BaseModel):
-    """Frozen: unknown keys, NaN and infinities are refused."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class SkillSet(Section):
@@ -301,6 +292,11 @@ class Recipe(Section):
     randomisation: Randomisation = Randomisation()
     evaluation: Evaluation = Evaluation()
     search: Search = Search()
+    interpolate: Interpolate = Interpolate()
+    sequence: Sequence = Sequence()
+    ddpg: Ddpg = Ddpg()
+    ppo: Ppo = Ppo()
+    mpc: Mpc = Mpc()
     compose: Compose = Compose()
     transfer: Transfer = Transfer()
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from skillcli.cli import complete
+from skillcli.cli.methods import ABOUT, MORE, ByMethod, option, settings
 from skillcli.cli.session import Session
 from skillcli.errors import UsageError
 
@@ -27,7 +28,7 @@ def register(app: typer.Typer) -> None:
     panel = "Stages"
     app.command(rich_help_panel=panel)(pretrain)
     app.command("embed-means", rich_help_panel=panel)(embed_means)
-    app.command(rich_help_panel=panel)(compose)
+    app.command(rich_help_panel=panel, cls=ByMethod)(compose)
     app.command("transfer-eval", rich_help_panel=panel)(transfer_eval)
     app.command("run", rich_help_panel="Whole chain")(run)
     app.command(rich_help_panel="Whole chain")(demo)
@@ -87,7 +88,7 @@ def embed_means(
 def compose(
     context: typer.Context,
     source: Annotated[str | None, typer.Argument(metavar="[ID]", help=MADE_FROM, autocompletion=complete.ids)] = None,
-    method: Annotated[str, typer.Option("--method", help="How to compose: search.", metavar="METHOD")] = "search",
+    method: Annotated[str, typer.Option("--method", help=f"How: {', '.join(ABOUT)}.", metavar="NAME")] = "search",
     task: Annotated[str, typer.Option("--task", help="A named composition, see `skill tasks`.", metavar="NAME")] = "",
     goal: Annotated[
         list[str] | None,
@@ -97,24 +98,40 @@ def compose(
     ] = None,
     name: Name = None,
     overrides: Set = None,
+    heuristic: Annotated[str | None, option("What is thought to be left: none, distance, approach.", metavar="NAME")] = None,
+    weight: Annotated[
+        float | None, option("Of the heuristic: 0 uniform cost, 1 A*, 1000 greedy best-first.", metavar="W")
+    ] = None,
+    skills: Annotated[str | None, option("Skills to go through, such as 3,4,8,7.", metavar="A,B,…")] = None,
+    hold: Annotated[float | None, option("How long each skill is held, 1 s by default.", metavar="SECONDS")] = None,
+    blend: Annotated[float | None, option("How long each blend takes, 1 s by default.", metavar="SECONDS")] = None,
+    plan: Annotated[str | None, option("Such as 3,4,8,7 or 3:1.0,3~4:1.0,3~4@0.25:0.5, or a file.", metavar="PLAN")] = None,
+    seconds: Annotated[float | None, option("Of an entry without a duration, 1 s by default.", metavar="SECONDS")] = None,
+    seed: Annotated[int, option("Seed of everything random, 0 by default.", min=0, max=2**63 - 1)] = 0,
+    iterations: Annotated[int | None, option("Rounds of episodes at most.", metavar="N")] = None,
+    latents: Annotated[str | None, option("What may be chosen: continuous, means, interpolated.", metavar="NAME")] = None,
+    lookahead: Annotated[int | None, option("Segments that are looked ahead.", metavar="N")] = None,
 ) -> None:
     """Compose frozen skills in the latent space into a task never trained (stage 2)."""
     from skillcli.recipe import resolve
 
     session: Session = context.obj
     goals = [_numbers(text) for text in goal or ()]
+    given = {
+        "heuristic": heuristic, "weight": weight, "skills": skills, "hold": hold, "blend": blend, "plan": plan,
+        "seconds": seconds, "seed": seed, "iterations": iterations, "latents": latents, "lookahead": lookahead,
+    }  # fmt: skip
+    chosen = settings(method, given)
     found = session.pick(source, "embed-means", "pretrain")
     from skillcli.stages.compose import Request
     from skillcli.stages.compose import compose as stage
 
-    recipe = resolve(session.store.read(found).recipe, overrides or ())
-    request = Request.of(recipe, task, goals)
+    recipe = resolve(session.store.read(found).recipe, [*(overrides or ()), *chosen])
+    request = Request.of(recipe, task, goals, method)
     with session.progress() as report:
-        artifact = stage(session.store, found, recipe, request, method, session.command, checked(name), report)
+        artifact = stage(session.store, found, recipe, request, method, session.command, checked(name), report, seed)
     if not artifact.results["success"]:
-        session.say(
-            "[yellow]the plan does not meet every waypoint[/]: try --set search.budget=50000 or search.interpolated=true"
-        )
+        session.say(f"[yellow]the plan does not meet every waypoint[/]: {MORE[method]}")
     _done(session, artifact, f"skill transfer-eval {artifact.id}")
 
 

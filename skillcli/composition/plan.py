@@ -43,16 +43,29 @@ def _coordinates(latent: Array) -> str:
 
 @dataclass(frozen=True)
 class Segment:
-    """One latent, held for some control steps."""
+    """One latent, held for some control steps; or a blend from it to another one."""
 
     latent: Array  # (d,)
     skill: int  # index, -1 for a combination
     label: str
     steps: int
+    until: Array | None = None  # (d,) where a blend leads, None where the latent is held
+
+    @property
+    def latents(self) -> Array:
+        """What is fed at each control step, (steps, d); a blend lies strictly between its ends, evenly spaced."""
+        share = np.arange(1, self.steps + 1)[:, None] / (self.steps + 1)
+        latents: Array = self.latent + share * (self.end - self.latent)
+        return latents
+
+    @property
+    def end(self) -> Array:
+        """Where it leads in the latent space, (d,): the latent itself where that is held."""
+        return self.latent if self.until is None else self.until
 
 
 def schedule(plan: list[Segment]) -> tuple[Array, Array]:
     """What a plan feeds at each control step: latents (T, d) and skills (T,)."""
-    latent = np.concatenate([np.tile(segment.latent, (segment.steps, 1)) for segment in plan])
+    latent = np.concatenate([segment.latents for segment in plan])
     skill = np.concatenate([np.full(segment.steps, segment.skill) for segment in plan])
     return latent, skill

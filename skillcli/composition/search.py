@@ -16,6 +16,7 @@ import numpy as np
 
 from skillcli.composition.latent_environment import LatentEnvironment, Outcome
 from skillcli.composition.plan import Choices, Segment
+from skillcli.composition.planner import Proposal, run
 from skillcli.trajectories import Array
 
 
@@ -184,29 +185,58 @@ class UniformCostSearch:
         return (node.due, *at.tolist(), int(node.speed > self.settings.final_speed))
 
 
-def search(planner: UniformCostSearch, world: LatentEnvironment, batch: int, tell: Callable[[int, int], None]) -> Node:
-    """Run a search to its end; returns the goal node, or the nearest one when the budget is spent.
+class Expansions:
+    """A search as a `Planner`: several nodes at once, every choice from each, held for every duration.
 
-    Args:
-        planner: proposes.
-        world: expands.
-        batch: nodes that are expanded at once.
-        tell: told the nodes expanded and the waypoints met so far.
+    A longer segment goes on where a shorter one ended: every control step is spent once.
     """
-    count = len(planner.choices.latent)
-    while not planner.finished:
-        nodes = planner.ask(batch)
-        parents = [node for node in nodes for _ in range(count)]
-        choice = np.tile(np.arange(count), len(nodes))
-        rows = np.stack([node.row for node in parents])
-        held = 0
-        path = np.empty((len(parents), 0, *planner.best.points.shape))
-        failed = np.zeros(len(parents), dtype=bool)
-        for steps in sorted(planner.settings.durations):  # a longer segment goes on where a shorter one ended
-            outcome = world.hold(rows, planner.choices.latent[choice], steps - held)
-            path = np.concatenate([path[:, :-1] if held else path, outcome.path], axis=1)
-            failed |= outcome.failed
-            rows, held = outcome.rows, steps
-            planner.tell(parents, choice, Outcome(path, failed, rows), steps)
-        tell(planner.expanded, planner.best.due)
+
+    def __init__(self, search: UniformCostSearch, batch: int) -> None:
+        self.search, self._batch = search, batch
+        self._durations = sorted(search.settings.durations)
+        self._left: list[int] = []  # durations that the nodes under way still have before them
+        self._held = 0
+
+    def _begin(self, nodes: list[Node]) -> None:
+        count = len(self.search.choices.latent)
+        self._parents = [node for node in nodes for _ in range(count)]
+        self._choice: Array = np.tile(np.arange(count), len(nodes))
+        self._rows = np.stack([node.row for node in self._parents])
+        self._path: Array = np.empty((len(self._parents), 0, *self.search.best.points.shape))
+        self._failed: Array = np.zeros(len(self._parents), dtype=bool)
+        self._left, self._held = list(self._durations), 0
+
+    @property
+    def finished(self) -> bool:
+        """See `Planner`."""
+        return not self._left and self.search.finished
+
+    @property
+    def done(self) -> tuple[int, int, str]:
+        """See `Planner`."""
+        met = f"{self.search.best.due} of {len(self.search.waypoints)} waypoints met"
+        return self.search.expanded, self.search.settings.budget, met
+
+    def plan(self) -> list[Segment]:
+        """See `Planner`: to the goal node, or to the nearest one when the budget is spent."""
+        return self.search.plan(self.search.best)
+
+    def ask(self) -> Proposal:
+        """See `Planner`."""
+        if not self._left:
+            self._begin(self.search.ask(self._batch))
+        return Proposal(self._rows, self.search.choices.latent[self._choice], self._left[0] - self._held)
+
+    def tell(self, outcome: Outcome) -> None:
+        """See `Planner`."""
+        self._path = np.concatenate([self._path[:, :-1] if self._held else self._path, outcome.path], axis=1)
+        self._failed |= outcome.failed
+        self._rows, self._held = outcome.rows, self._left.pop(0)
+        so_far = Outcome(self._path, self._failed, self._rows)
+        self.search.tell(self._parents, self._choice, so_far, self._held)
+
+
+def search(planner: UniformCostSearch, world: LatentEnvironment, batch: int, tell: Callable[[int, int, str], None]) -> Node:
+    """Run a search to its end, `batch` nodes at once; returns the goal node, or the nearest one when the budget is spent."""
+    run(Expansions(planner, batch), world, tell)
     return planner.best

@@ -46,6 +46,13 @@ COMPOSITIONS: dict[str, dict[str, tuple[Route, ...]]] = {
     },
 }
 
+# Chains through skills by number, for interpolation.
+CHAINS: dict[str, dict[str, str]] = {
+    "point": {},
+    "reach": {"u-shape": "3,4,8,7"},  # Julian et al. 2018: draws a U
+    "push": {},
+}
+
 
 def make(task: Task, num: int, threads: int = 0, delay: bool = False) -> Environment:
     """N simulations of a task.

@@ -3,79 +3,44 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from skillcli import metrics
-from skillcli.composition.latent_environment import LatentEnvironment
-from skillcli.composition.plan import Choices, Segment, latent_grid, schedule
-from skillcli.composition.search import Settings, UniformCostSearch, search
-from skillcli.envs.tasks import MAX_SIMULATIONS, check_goal, goal_place, make, model_fingerprint, named_routes, standoff
+from skillcli.composition.interpolation import Calibration, all_pairs
+from skillcli.composition.plan import Segment, schedule
+from skillcli.envs.tasks import make, model_fingerprint
 from skillcli.errors import UsageError
 from skillcli.learning.playback import play_waypoints
 from skillcli.recipe import Recipe
 from skillcli.stages.library import TRAINED, Library, fingerprint, open_library
+from skillcli.stages.planning import METHODS, Leg, Planned
+from skillcli.stages.pretrain import play_held
 from skillcli.stages.progress import Progress, Report, silent
+from skillcli.stages.request import Request
 from skillcli.store import Artifact, ArtifactId, Draft, Store
 from skillcli.trajectories import Array, Trajectories
 
-METHODS = ("search",)
+__all__ = ["METHODS", "Request", "compose", "execute", "inputs_of"]
+
+RANDOM = ("ddpg", "ppo", "mpc")  # methods whose plan depends on a seed
 
 
-@dataclass(frozen=True)
-class Request:
-    """What is asked of a composition: a named task, or goals in order.
-
-    A task has one or several routes, each planned and executed from the start, with waypoints to be met in order.
-    """
-
-    task: str  # "" where goals are given
-    routes: tuple[Array, ...]  # (W, 3) m each
-
-    @staticmethod
-    def of(recipe: Recipe, task: str, goals: Sequence[Sequence[float]]) -> Request:
-        """Named task or goals; where neither is given, what the recipe asks for.
-
-        Raises:
-            UsageError: both, none, an unknown name, or a goal that cannot be reached.
-        """
-        if task and goals:
-            raise UsageError("a composition takes --task or --goal, not both", "leave one of them out")
-        if not task and not goals:
-            task, goals = recipe.compose.task, recipe.compose.goals
-        if not task and not goals:
-            raise UsageError("nothing to compose: neither --task nor --goal is given", "see `skill tasks`, or give --goal")
-        routes = named_routes(recipe.task, task) if task else (np.array([goal_place(recipe.task, goal) for goal in goals]),)
-        for goal in np.concatenate(routes):
-            check_goal(recipe.task, goal)
-        return Request(task, routes)
-
-    @property
-    def waypoints(self) -> Array:
-        """The waypoints of all routes, (W, 3) m."""
-        return np.concatenate(self.routes)
-
-    @property
-    def route(self) -> Array:
-        """The route that each of them belongs to, (W,)."""
-        return np.repeat(np.arange(len(self.routes)), [len(route) for route in self.routes])
-
-
-@dataclass(frozen=True)
-class Effort:
-    """What planning took."""
-
-    expanded_nodes: int
-    simulated_robot_seconds: float
-
-
-def inputs_of(source: Artifact, recipe: Recipe, request: Request, method: str) -> str:
+def inputs_of(source: Artifact, recipe: Recipe, request: Request, method: str, seed: int = 0) -> str:
     """Fingerprint of everything that the result depends on."""
-    parts = [source.content_sha256, method, recipe.fingerprint(["search"]), request.task, request.waypoints, request.route]
-    return fingerprint("compose", parts)
+    parts = [source.content_sha256, method, recipe.fingerprint([method]), request.task, request.waypoints, request.route]
+    return fingerprint("compose", [*parts, seed] if method in RANDOM else parts)
+
+
+def check_method(method: str) -> None:
+    """Refuse what is no method.
+
+    Raises:
+        UsageError: it is not.
+    """
+    if method not in METHODS:
+        raise UsageError(f"no method {method!r}", f"methods: {', '.join(METHODS)}")
 
 
 def compose(
@@ -87,6 +52,7 @@ def compose(
     command: str,
     name: str | None = None,
     report: Report = silent,
+    seed: int = 0,
 ) -> Artifact:
     """Plan latents that meet the waypoints, execute the plan in the source, and write a compose artifact.
 
@@ -99,28 +65,32 @@ def compose(
         command: as typed, for the record.
         name: first part of the new id; by default that of the source.
         report: told where the planning stands.
+        seed: of methods that use chance.
 
     Raises:
         UsageError: the method is unknown, or the recipe asks for other skills than the source holds.
+        SkillError: a composer came apart.
         StoreError: the source cannot be read, or the store refuses.
     """
-    if method not in METHODS:
-        raise UsageError(f"no method {method!r}", f"methods: {', '.join(METHODS)}")
+    check_method(method)
     store.check_writable(name or source_id.name)
     source = store.read(source_id)
     library = open_library(store, source)
     if recipe.fingerprint(TRAINED) != library.recipe.fingerprint(TRAINED):
         raise UsageError(
             f"the skills of {source_id} were trained on another recipe than the one to compose with",
-            "only search.* and compose.* can be set here; for anything else train anew",
+            f"only {', '.join(f'{section}.*' for section in METHODS)} and compose.* can be set here; else train anew",
         )
     started = time.perf_counter()
-    plans, efforts = [], []
-    for done, waypoints in enumerate(request.routes):
-        plan, effort = _search(library, recipe, waypoints, _within(report, done, len(request.routes)))
-        plans.append(plan)
-        efforts.append(effort)
+    by_hand = request.entries or ((),) * len(request.routes)
+    legs = [
+        Leg(library, recipe, waypoints, entries, seed, _within(report, done, len(request.routes)))
+        for done, (waypoints, entries) in enumerate(zip(request.routes, by_hand, strict=True))
+    ]
+    planned = [METHODS[method](leg) for leg in legs]
+    calibration = calibrate(library, recipe) if method == "interpolate" else None
     planning_seconds = time.perf_counter() - started
+    plans = [found.segments for found in planned]
     recordings = [execute(library, plan, waypoints) for plan, waypoints in zip(plans, request.routes, strict=True)]
     recording = Trajectories.join(recordings)
     tolerance = recipe.task.tolerance
@@ -128,29 +98,30 @@ def compose(
         metrics.ordered_approach(path, waypoints, tolerance)
         for path, waypoints in zip(recording.judged, request.routes, strict=True)
     ]
-    segments = [segment for plan in plans for segment in plan]
     return store.write(
         Draft(
             kind="compose",
             name=name or source_id.name,
-            seed=source.seed,
+            seed=seed if method in RANDOM else source.seed,
             command=command,
             recipe=recipe.model_dump(mode="json"),
             arrays={
-                "plan/latent": np.array([segment.latent for segment in segments]),
-                "plan/seconds": np.array([segment.steps * recipe.task.control_period for segment in segments]),
-                "plan/skill": np.array([segment.skill for segment in segments]),
-                "plan/route": np.repeat(np.arange(len(plans)), [len(plan) for plan in plans]),
+                **_plan_arrays(plans, recipe.task.control_period),
+                **_composer_arrays(planned),
+                **({} if calibration is None else calibration.arrays()),
                 "waypoints/target": request.waypoints,
                 "waypoints/closest": np.concatenate(closest),
                 "waypoints/route": request.route,
                 **{f"trajectories/{field}": array for field, array in recording.arrays().items()},
             },
-            results=_results(recipe, request, method, plans, efforts, recording, np.concatenate(closest)),
+            results={
+                **_results(recipe, request, method, planned, recording, np.concatenate(closest)),
+                **({} if calibration is None else _calibrated(library, calibration, planned)),
+            },
             measured={"planning_seconds": planning_seconds},
             parents=[source_id],
             model_sha256=model_fingerprint(recipe.task),
-            inputs_sha256=inputs_of(source, recipe, request, method),
+            inputs_sha256=inputs_of(source, recipe, request, method, seed),
         )
     )
 
@@ -174,61 +145,67 @@ def execute(library: Library, plan: list[Segment], waypoints: Array) -> Trajecto
     return play_waypoints(env, library.agent.act, latent[None], skill[None], [waypoints])
 
 
-def _search(library: Library, recipe: Recipe, waypoints: Array, report: Report) -> tuple[list[Segment], Effort]:
-    settings, period = recipe.search, recipe.task.control_period
-    corners = (library.mean - 2 * library.std).min(axis=0), (library.mean + 2 * library.std).max(axis=0)
-    grid = latent_grid(*corners, settings.grid) if settings.grid else None
-    choices = Choices.of(library.mean, library.names, settings.interpolated, grid)
-    env = make(recipe.task, min(MAX_SIMULATIONS, settings.batch * len(choices.latent)))
-    env.reset(np.arange(env.num), np.zeros(env.num, dtype=np.int64))
-    world = LatentEnvironment(env, library.agent.act)
-    planner = UniformCostSearch(
-        *world.start(),
-        waypoints,
-        choices,
-        Settings(
-            durations=tuple(sorted({max(1, round(seconds / period)) for seconds in settings.segments})),
-            tolerance=min(settings.goal_tolerance, recipe.task.tolerance),
-            resolution=settings.resolution,
-            step_seconds=period,
-            weight=settings.weight,
-            max_speed=settings.max_speed,
-            approach_speed=settings.approach_speed if standoff(recipe.task) else 0.0,
-            standoff=standoff(recipe.task),
-            final_speed=settings.final_speed or float("inf"),
-            budget=settings.budget,
-        ),
-    )
+def calibrate(library: Library, recipe: Recipe) -> Calibration:
+    """Hold the latents between every pair of skills from the start to the end of an episode, and see where it ends."""
+    pair = np.array(all_pairs(len(library.mean)), dtype=int).reshape(-1, 2)
+    share = np.linspace(0, 1, recipe.interpolate.shares)
+    a, b = (library.mean[pair[:, side]][:, None] for side in (0, 1))  # (P, 1, d)
+    latent = ((1 - share[:, None]) * a + share[:, None] * b).reshape(-1, library.mean.shape[1])
+    target = library.goals[np.repeat(pair[:, 1], len(share))]
+    recording, _ = play_held(library.recipe, library.agent, latent, target, np.full(len(latent), -1))
+    end = recording.judged[np.arange(recording.episodes), recording.length]
+    return Calibration(pair, share, end.reshape(len(pair), len(share), 3), library.goals)
 
-    def tell(expanded: int, due: int) -> None:
-        report(Progress("compose", expanded, settings.budget, "nodes", note=f"{due} of {len(waypoints)} waypoints met"))
 
-    node = search(planner, world, settings.batch, tell)
-    plan = planner.plan(node)
-    if not plan:  # already there, or nowhere to go: hold the first skill for the shortest time
-        plan = [Segment(choices.latent[0], 0, choices.label[0], planner.settings.durations[0])]
-    return plan, Effort(planner.expanded, world.control_steps * period)
+def _calibrated(library: Library, calibration: Calibration, planned: list[Planned]) -> dict[str, Any]:
+    task = library.recipe.task
+    spent = calibration.end[..., 0].size * task.horizon * task.control_period
+    planning = sum(found.simulated_robot_seconds for found in planned)
+    return {"calibration": calibration.report(library.names), "simulated_robot_seconds": planning + spent}
+
+
+def _plan_arrays(plans: list[list[Segment]], period: float) -> dict[str, Array]:
+    segments = [segment for plan in plans for segment in plan]
+    arrays = {
+        "plan/latent": np.array([segment.latent for segment in segments]),
+        "plan/seconds": np.array([segment.steps * period for segment in segments]),
+        "plan/skill": np.array([segment.skill for segment in segments]),
+        "plan/route": np.repeat(np.arange(len(plans)), [len(plan) for plan in plans]),
+    }
+    if any(segment.until is not None for segment in segments):
+        arrays["plan/latent_end"] = np.array([segment.end for segment in segments])
+    return arrays
+
+
+def _composer_arrays(planned: list[Planned]) -> dict[str, Array]:
+    """Weights and learning curves of each route's composer; routes are told apart only where there are several."""
+    arrays: dict[str, Array] = {}
+    for route, found in enumerate(planned):
+        below = f"route-{route + 1}/" if len(planned) > 1 else ""
+        arrays |= {f"composer/{below}{name}": array for name, array in found.weights.items()}
+        arrays |= {f"curves/{below}{name}": array for name, array in found.curves.items()}
+    return arrays
 
 
 def _results(
     recipe: Recipe,
     request: Request,
     method: str,
-    plans: list[list[Segment]],
-    efforts: list[Effort],
+    planned: list[Planned],
     recording: Trajectories,
     closest: Array,
 ) -> dict[str, Any]:
     period = recipe.task.control_period
     distance = metrics.final_distance(recording)
+    plans = [found.segments for found in planned]
     return {
         "method": method,
         "task": request.task or "goals",
         "success": bool(recording.success.all()),
         "success_rate": float(recording.success.mean()),
         "routes": len(plans),
-        "expanded_nodes": sum(effort.expanded_nodes for effort in efforts),
-        "simulated_robot_seconds": sum(effort.simulated_robot_seconds for effort in efforts),
+        "expanded_nodes": sum(found.expanded_nodes for found in planned),
+        "simulated_robot_seconds": sum(found.simulated_robot_seconds for found in planned),
         "plan_seconds": sum(segment.steps for plan in plans for segment in plan) * period,
         "segments": [
             {
@@ -236,6 +213,7 @@ def _results(
                 "latent": segment.latent.tolist(),
                 "seconds": segment.steps * period,
                 "route": route,
+                **({} if segment.until is None else {"latent_end": segment.until.tolist()}),
             }
             for route, plan in enumerate(plans)
             for segment in plan

@@ -1,0 +1,135 @@
+"""Model predictive control over latents by the cross-entropy method (Rubinstein 1999; receding horizon: Chua et al. 2018).
+
+Before every segment, sequences of latents are drawn around the best ones so far and tried in the simulator; the first
+latent of the best is taken, its outcome is known already, and planning goes on from there with the rest of the sequence.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skillcli.composition.latent_environment import Outcome
+from skillcli.composition.plan import Segment
+from skillcli.composition.planner import Proposal
+from skillcli.composition.route import Route, Walk
+from skillcli.methods import Mpc
+from skillcli.trajectories import Array
+
+MIN_SPREAD = 0.05  # of the box's half edges: the search never narrows to a point
+FAILED = 1e3  # m, cost of a simulation that failed
+
+
+class Trial:
+    """M sequences of H latents under way, all from one state, segment by segment."""
+
+    def __init__(self, sequences: Array, row: Array, due: int) -> None:
+        count = len(sequences)
+        self.sequences = sequences  # (M, H, d)
+        self.rows = np.tile(row, (count, 1))
+        self.due = np.full(count, due)
+        self.cost, self.over = np.zeros(count), np.zeros(count, dtype=bool)
+        self.segment = 0  # how many were tried already
+        self.first: tuple[Array, Array, Walk] | None = None  # what the first one led to: rows, landmarks, walk
+
+    def take(self, outcome: Outcome, route: Route, within: float) -> None:
+        """What the present segment led to; a sequence that arrived costs nothing more."""
+        walk = route.follow(self.due, outcome.path, within)
+        self.cost += np.where(self.over, 0.0, walk.cost) + np.where(outcome.failed & ~self.over, FAILED, 0.0)
+        self.over |= (walk.arrived > 0) | outcome.failed
+        self.due, self.rows = walk.due, np.where(self.over[:, None], self.rows, outcome.rows)
+        if self.first is None:
+            self.first = outcome.rows, outcome.path, walk
+        self.segment += 1
+
+
+class ModelPredictiveControl:
+    """See `Planner`.
+
+    Args:
+        row: (S,) the start state.
+        points: (L, 3) m, the landmarks there.
+        route: where to go.
+        means: (K, d) of the skills; holding each is among the first sequences tried before every segment.
+        box: (2, d) lowest and highest latent.
+        settings: the recipe's.
+        steps: control steps of one segment.
+        longest: segments that a plan may have.
+        rng: draws the sequences.
+    """
+
+    def __init__(
+        self, row: Array, points: Array, route: Route, means: Array, box: Array, settings: Mpc, steps: int, longest: int,
+        rng: np.random.Generator,
+    ) -> None:  # fmt: skip
+        self._row, self._points, self._due = row, points, 0
+        self._route, self._means, self._settings = route, means, settings
+        self._box, self._steps, self._longest, self._rng = box, steps, longest, rng
+        self._half = (box[1] - box[0]) / 2
+        self._mean = np.tile(box.mean(axis=0), (settings.lookahead, 1))  # (H, d)
+        self._spread = np.tile(self._half, (settings.lookahead, 1))
+        self._segments: list[Segment] = []
+        self._arrived = len(route.waypoints) == 1 and float(route.final_gap(points[None])[0]) <= settings.goal_tolerance
+        self._round = 0
+        self._trial = self._draw()
+
+    @property
+    def finished(self) -> bool:
+        """See `Planner`: at the last waypoint, or out of time."""
+        return self._arrived or len(self._segments) >= self._longest
+
+    @property
+    def done(self) -> tuple[int, int, str]:
+        """See `Planner`."""
+        left = float(self._route.left(np.array([self._due]), self._points[None])[0])
+        return len(self._segments), self._longest, f"{left:.3f} m to go"
+
+    def plan(self) -> list[Segment]:
+        """See `Planner`."""
+        return self._segments
+
+    def ask(self) -> Proposal:
+        """See `Planner`: the next segment of all sequences."""
+        return Proposal(self._trial.rows, self._trial.sequences[:, self._trial.segment], self._steps)
+
+    def tell(self, outcome: Outcome) -> None:
+        """See `Planner`."""
+        self._trial.take(outcome, self._route, self._settings.goal_tolerance)
+        if self._trial.segment == self._settings.lookahead:
+            self._judge()
+
+    def _draw(self, best: Array | None = None) -> Trial:
+        """New sequences around the mean, from the present state; the first ones are not left to chance."""
+        settings = self._settings
+        noise = self._rng.standard_normal((settings.samples, settings.lookahead, len(self._half)))
+        drawn = np.clip(self._mean + self._spread * noise, *self._box)
+        held = np.repeat(self._means[:, None], settings.lookahead, axis=1) if best is None else best[None]
+        known = np.concatenate([self._mean[None], held])[: settings.samples]
+        drawn[: len(known)] = known
+        return Trial(drawn, self._row, self._due)
+
+    def _judge(self) -> None:
+        """A round is over: narrow down around the elites, or take the first latent of the best sequence."""
+        sequences = self._trial.sequences
+        order = np.argsort(self._trial.cost, kind="stable")
+        elites, best = sequences[order[: self._settings.elites]], int(order[0])
+        self._mean, self._spread = elites.mean(axis=0), np.maximum(elites.std(axis=0), MIN_SPREAD * self._half)
+        self._round += 1
+        if self._round < self._settings.rounds:
+            self._trial = self._draw(sequences[best])
+            return
+        self._take(best)
+        self._trial = self._draw()
+
+    def _take(self, best: int) -> None:
+        """Go on from where the first latent of a sequence led; the rest of the sequence is what is drawn around next."""
+        assert self._trial.first is not None
+        rows, path, walk = self._trial.first
+        arrived = int(walk.arrived[best])
+        steps = arrived or self._steps
+        self._row, self._points, self._due = rows[best], path[best, steps], int(walk.due[best])
+        sequence = self._trial.sequences[best]
+        self._segments.append(Segment(sequence[0], -1, "latent", steps))
+        self._arrived = arrived > 0
+        self._mean = np.concatenate([sequence[1:], sequence[-1:]])
+        self._spread = np.tile(self._half, (self._settings.lookahead, 1))
+        self._round = 0

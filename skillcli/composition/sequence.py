@@ -1,0 +1,120 @@
+"""Plans written by hand: `3,4,8,7`, with durations and blends `3:1.0,3~4:1.0,4:1.0`, or anything between `3~4@0.25:0.5`.
+
+An entry is a skill, or two of them joined by `~`: a blend from the mean of the first to that of the second, or with a
+share λ behind `@` the latent (1-λ) z_a + λ z_b, held. Behind a colon stands how long, in seconds. Entries are separated by
+commas, spaces or lines; what follows a `#` is a remark. Skills are given by name, or by number, counted from 1.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from skillcli.composition.plan import Segment
+from skillcli.errors import UsageError
+from skillcli.trajectories import Array
+
+LONGEST, LONGEST_PLAN = 600.0, 3600.0  # s, of one entry and of all of them
+_ENTRY = re.compile(r"(?P<a>[^~@:]+)(?:~(?P<b>[^~@:]+)(?:@(?P<share>[^~@:]+))?)?(?::(?P<seconds>[^~@:]+))?")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One entry of a plan."""
+
+    text: str  # without the duration
+    a: int  # index of the skill
+    b: int | None  # index of the skill that is blended into, None for the mean of `a` alone
+    share: float | None  # λ, held; None for a blend from 0 to 1
+    seconds: float
+
+    def target(self, goals: Array) -> Array:
+        """Where it should lead, (3,) m, from the goals of the skills (K, 3) m."""
+        if self.b is None:
+            return _row(goals, self.a)
+        share = 1.0 if self.share is None else self.share
+        target: Array = (1 - share) * goals[self.a] + share * goals[self.b]
+        return target
+
+    def segment(self, means: Array, period: float) -> Segment:
+        """The segment that it stands for, with the means of the skills (K, d) and control steps of `period` s."""
+        steps = max(1, round(self.seconds / period))
+        if self.b is None:
+            return Segment(means[self.a], self.a, self.text, steps)
+        if self.share is None:
+            return Segment(means[self.a], -1, self.text, steps, until=means[self.b])
+        skill = {0.0: self.a, 1.0: self.b}.get(self.share, -1)
+        return Segment((1 - self.share) * means[self.a] + self.share * means[self.b], skill, self.text, steps)
+
+
+def parse(text: str, names: Sequence[str], seconds: float) -> list[Entry]:
+    """The entries of a plan.
+
+    Args:
+        text: as in the module's description.
+        names: of the skills.
+        seconds: of an entry without a duration.
+
+    Raises:
+        UsageError: nothing in it, an unknown skill, a share outside [0, 1], a duration that is none, or unreadable.
+    """
+    words = re.sub(r"#.*", "", text).replace(",", " ").split()
+    if not words:
+        raise UsageError("the plan is empty", "for example --plan 3,4,8,7 or 3:1.0,3~4:1.0,4:1.0")
+    entries = [_entry(word, names, seconds) for word in words]
+    if sum(entry.seconds for entry in entries) > LONGEST_PLAN:
+        raise UsageError(f"the plan lasts longer than {LONGEST_PLAN:g} s", "shorten it")
+    return entries
+
+
+def skill_index(text: str, names: Sequence[str]) -> int:
+    """A skill by its name, or by its number, counted from 1.
+
+    Raises:
+        UsageError: there is none.
+    """
+    if text in names:
+        return list(names).index(text)
+    if re.fullmatch(r"[0-9]{1,6}", text) and 1 <= int(text) <= len(names):
+        return int(text) - 1
+    numbered = "" if names[0] == "1" else f", or their numbers 1 to {len(names)}"
+    raise UsageError(f"no skill {text!r} in this library", f"skills: {', '.join(names)}{numbered}")
+
+
+def waypoints(entries: Sequence[Entry], goals: Array) -> list[Array]:
+    """Where a plan should lead, (3,) m each: the goals of what it holds, or the end of its last blend where it only blends."""
+    held = [entry.target(goals) for entry in entries if entry.b is None or entry.share is not None]
+    return held or [entries[-1].target(goals)]
+
+
+def _entry(word: str, names: Sequence[str], seconds: float) -> Entry:
+    found = _ENTRY.fullmatch(word)
+    if not found:
+        raise UsageError(f"plan entry {word!r} cannot be read", "SKILL, A~B or A~B@SHARE, then :SECONDS where wanted")
+    lasts = seconds if found["seconds"] is None else _number(found["seconds"], word)
+    if not 0 < lasts <= LONGEST:
+        raise UsageError(f"plan entry {word!r} must last between 0 and {LONGEST:g} seconds, got {lasts:g}", "SKILL:SECONDS")
+    share = None if found["share"] is None else _number(found["share"], word)
+    if share is not None and not 0 <= share <= 1:
+        raise UsageError(
+            f"plan entry {word!r}: λ must lie in [0, 1], got {share:g}", "A~B@0.25 is a quarter of the way from A to B"
+        )
+    second = None if found["b"] is None else skill_index(found["b"], names)
+    return Entry(word.partition(":")[0], skill_index(found["a"], names), second, share, lasts)
+
+
+def _number(text: str, word: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise UsageError(f"plan entry {word!r}: {text!r} is not a number", "for example 3:1.0 or 3~4@0.25")
+    return number
+
+
+def _row(goals: Array, index: int) -> Array:
+    row: Array = goals[index]
+    return row

@@ -1,0 +1,89 @@
+"""What learned composers share: latents in units of a box, and networks from features."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from skillcli.errors import SkillError
+from skillcli.learning.networks import Normalizer, mlp
+from skillcli.trajectories import Array
+
+
+class LatentBox:
+    """Latents in a box (2, d) as units within [-1, 1]^d, and back."""
+
+    def __init__(self, box: Array) -> None:
+        self._centre, self._half = box.mean(axis=0), (box[1] - box[0]) / 2
+
+    def latent(self, unit: Array) -> Array:
+        """(N, d) units to latents."""
+        latent: Array = self._centre + self._half * np.clip(unit, -1.0, 1.0)
+        return latent
+
+    def unit(self, latent: Array) -> Array:
+        """(N, d) latents to units."""
+        unit: Array = (latent - self._centre) / self._half
+        return unit
+
+
+class Head(nn.Module):
+    """A multilayer perceptron; with a tanh behind it where its output must stay within [-1, 1]."""
+
+    def __init__(
+        self, inputs: int, hidden: Sequence[int], outputs: int, bounded: bool, gain: float, make: torch.Generator
+    ) -> None:
+        super().__init__()
+        self.body = mlp([inputs, *hidden, outputs], gain, make)
+        self.bounded = bounded
+
+    def forward(self, *parts: Tensor) -> Tensor:
+        """Parts (..., n_i), joined, to (..., outputs)."""
+        out: Tensor = self.body(torch.cat(parts, -1))
+        return out.tanh() if self.bounded else out
+
+
+def arrays_of(**modules: nn.Module) -> dict[str, Array]:
+    """Every weight of some modules by name: "actor.body.0.weight"."""
+    return {
+        f"{module}.{name}": tensor.detach().numpy().copy()
+        for module, found in modules.items()
+        for name, tensor in found.state_dict().items()
+    }
+
+
+def descend(optimizer: torch.optim.Optimizer, loss: Tensor, max_norm: float = math.inf) -> None:
+    """One gradient step, the gradient's norm clipped."""
+    optimizer.zero_grad(set_to_none=True)
+    loss.backward()  # type: ignore[no-untyped-call]
+    if math.isfinite(max_norm):
+        torch.nn.utils.clip_grad_norm_(optimizer.param_groups[0]["params"], max_norm)
+    optimizer.step()
+
+
+def tensor(array: Array) -> Tensor:
+    """As float32."""
+    return torch.as_tensor(array, dtype=torch.float32)
+
+
+def check_finite(method: str, logged: Mapping[str, float], *modules: nn.Module) -> None:
+    """Refuse to go on with numbers that are none.
+
+    Raises:
+        SkillError: something logged, or a weight, is not finite.
+    """
+    broken = [name for name, number in logged.items() if not math.isfinite(number)]
+    if not all(bool(torch.isfinite(weight).all()) for module in modules for weight in module.parameters()):
+        broken.append("weights")
+    if broken:
+        raise SkillError(
+            f"the {method} composer came apart: {', '.join(broken)} not finite",
+            f"lower {method}.learning_rate or {method}.reward_scale",
+        )
+
+
+__all__ = ["Head", "LatentBox", "Normalizer", "arrays_of", "check_finite", "descend", "tensor"]

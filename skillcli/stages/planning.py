@@ -1,0 +1,179 @@
+"""How each method plans one route: its planner is built from recipe and library, and let loose on the simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from skillcli.composition.episodes import Composer, Episodes
+from skillcli.composition.latent_environment import LatentEnvironment
+from skillcli.composition.mpc import ModelPredictiveControl
+from skillcli.composition.plan import Choices, Segment, latent_grid
+from skillcli.composition.planner import run
+from skillcli.composition.route import Route
+from skillcli.composition.search import Expansions, Settings, UniformCostSearch
+from skillcli.composition.sequence import Entry
+from skillcli.envs.tasks import MAX_SIMULATIONS, make, standoff
+from skillcli.learning.ddpg import DdpgComposer
+from skillcli.learning.ppo import PpoComposer
+from skillcli.methods import Episodes as EpisodeSettings
+from skillcli.recipe import Recipe
+from skillcli.seeding import generator
+from skillcli.stages.library import Library
+from skillcli.stages.progress import Progress, Report
+from skillcli.trajectories import Array
+
+
+@dataclass(frozen=True)
+class Planned:
+    """The plan of one route, and what planning it took."""
+
+    segments: list[Segment]
+    expanded_nodes: int  # states whose continuations were tried; for methods that draw latents, latents tried
+    simulated_robot_seconds: float
+    weights: dict[str, Array] = field(default_factory=dict)  # of a learned composer
+    curves: dict[str, Array] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Leg:
+    """One route of a request, as a method plans it."""
+
+    library: Library
+    recipe: Recipe
+    waypoints: Array  # (W, 3) m
+    entries: tuple[Entry, ...]  # of a plan that is written by hand, else none
+    seed: int
+    report: Report
+
+    @property
+    def period(self) -> float:
+        """Control period, s."""
+        return float(self.recipe.task.control_period)
+
+    @property
+    def box(self) -> Array:
+        """Lowest and highest latent, (2, d): the means and two standard deviations around them."""
+        mean, std = self.library.mean, self.library.std
+        return np.stack([(mean - 2 * std).min(axis=0), (mean + 2 * std).max(axis=0)])
+
+    @property
+    def route(self) -> Route:
+        """Where to go."""
+        return Route(self.waypoints, self.recipe.task.tolerance, standoff(self.recipe.task))
+
+    def steps(self, seconds: float) -> int:
+        """A duration in control steps, at least one."""
+        return max(1, round(seconds / self.period))
+
+    def world(self, simulations: int) -> LatentEnvironment:
+        """Simulations of the nominal robot at the start."""
+        env = make(self.recipe.task, min(MAX_SIMULATIONS, simulations))
+        env.reset(np.arange(env.num), np.zeros(env.num, dtype=np.int64))
+        return LatentEnvironment(env, self.library.agent.act)
+
+    def tell(self, unit: str) -> Callable[[int, int, str], None]:
+        """What a planner tells, as progress of the stage."""
+        return lambda done, total, note: self.report(Progress("compose", done, total, unit, note=note))
+
+
+class Method(Protocol):
+    """Plans one route."""
+
+    def __call__(self, leg: Leg) -> Planned:
+        """The plan of this route."""
+
+
+def by_hand(leg: Leg) -> Planned:
+    """A plan that was written down already."""
+    return Planned([entry.segment(leg.library.mean, leg.period) for entry in leg.entries], 0, 0.0)
+
+
+def by_search(leg: Leg) -> Planned:
+    """Uniform cost search and its informed relatives."""
+    settings = leg.recipe.search
+    grid = latent_grid(leg.box[0], leg.box[1], settings.grid) if settings.grid else None
+    choices = Choices.of(leg.library.mean, leg.library.names, settings.interpolated, grid)
+    world = leg.world(settings.batch * len(choices.latent))
+    search = UniformCostSearch(
+        *world.start(),
+        leg.waypoints,
+        choices,
+        Settings(
+            durations=tuple(sorted({leg.steps(seconds) for seconds in settings.segments})),
+            tolerance=min(settings.goal_tolerance, leg.recipe.task.tolerance),
+            resolution=settings.resolution,
+            step_seconds=leg.period,
+            weight=settings.weight,
+            max_speed=settings.max_speed,
+            approach_speed=settings.approach_speed if standoff(leg.recipe.task) else 0.0,
+            standoff=standoff(leg.recipe.task),
+            final_speed=settings.final_speed or float("inf"),
+            budget=settings.budget,
+        ),
+    )
+    planner = Expansions(search, settings.batch)
+    run(planner, world, leg.tell("nodes"))
+    plan = planner.plan()
+    if not plan:  # already there, or nowhere to go: hold the first skill for the shortest time
+        plan = [Segment(choices.latent[0], 0, choices.label[0], search.settings.durations[0])]
+    return Planned(plan, search.expanded, world.control_steps * leg.period)
+
+
+def by_mpc(leg: Leg) -> Planned:
+    """Model predictive control over latents."""
+    settings = leg.recipe.mpc
+    steps, world = leg.steps(settings.segment), leg.world(settings.samples)
+    longest = max(1, round(settings.seconds * len(leg.waypoints) / (steps * leg.period)))
+    rng = generator(leg.seed, "mpc")
+    planner = ModelPredictiveControl(*world.start(), leg.route, leg.library.mean, leg.box, settings, steps, longest, rng)
+    run(planner, world, leg.tell("segments"))
+    plan = planner.plan() or [Segment(leg.library.mean[0], 0, leg.library.names[0], 1)]  # already there
+    return Planned(plan, world.held, world.control_steps * leg.period)
+
+
+def by_ddpg(leg: Leg) -> Planned:
+    """A composer that learns off-policy."""
+    settings, names = leg.recipe.ddpg, leg.library.names
+    choices = None
+    if settings.latents != "continuous":
+        choices = Choices.of(leg.library.mean, names, settings.latents == "interpolated").latent
+    return _learned(leg, settings, lambda features: DdpgComposer(features, leg.box, choices, settings, leg.seed))
+
+
+def by_ppo(leg: Leg) -> Planned:
+    """A composer that learns on-policy."""
+    settings = leg.recipe.ppo
+    return _learned(leg, settings, lambda features: PpoComposer(features, leg.box, settings, leg.seed))
+
+
+def _learned(leg: Leg, settings: EpisodeSettings, composer: Callable[[int], Composer]) -> Planned:
+    steps, world = leg.steps(settings.segment), leg.world(settings.simulations)
+    row, points = world.start()
+    observation = world.observe(row)
+    planner = Episodes(
+        row, points, observation, leg.route,
+        composer(observation.size + points.size),
+        num=settings.simulations,
+        steps=steps,
+        segments=max(1, round(settings.seconds * len(leg.waypoints) / (steps * leg.period))),
+        rounds=settings.iterations,
+        good_enough=settings.good_enough,
+        reward_scale=settings.reward_scale,
+    )  # fmt: skip
+    run(planner, world, leg.tell("iterations"))
+    curves = {name: np.array(values) for name, values in planner.curves.items()}
+    return Planned(planner.plan(), world.held, world.control_steps * leg.period, planner.weights, curves)
+
+
+METHODS: dict[str, Method] = {
+    "search": by_search,
+    "interpolate": by_hand,
+    "sequence": by_hand,
+    "ddpg": by_ddpg,
+    "ppo": by_ppo,
+    "mpc": by_mpc,
+}

@@ -1,0 +1,24 @@
+"""A world without a simulator: a latent (vx, vy) moves the point by so much per control step; what leaves `inside` fails."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from skillcli.composition.latent_environment import Outcome
+from skillcli.trajectories import Array
+
+ORIGIN = np.zeros(3)
+
+
+class Plane:
+    def __init__(self, inside: Callable[[Array], Array] | None = None) -> None:
+        self.inside, self.proposals = inside, 0
+
+    def hold(self, rows: Array, latent: Array, steps: int) -> Outcome:
+        move = np.concatenate([latent, np.zeros((len(latent), 1))], axis=1)
+        path = rows[:, None] + np.arange(steps + 1)[None, :, None] * move[:, None]
+        failed = np.zeros(len(rows), dtype=bool) if self.inside is None else ~self.inside(path).all(axis=1)
+        self.proposals += len(rows)
+        return Outcome(path[:, :, None], failed, path[:, -1], path[:, -1, :2])
