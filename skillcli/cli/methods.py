@@ -42,7 +42,7 @@ SPECIAL = {name for names in OPTIONS.values() for name in names}
 HEURISTICS: Mapping[str, Sequence[str]] = {
     "none": ("search.weight=0",),
     "distance": ("search.approach_speed=0",),
-    "approach": ("search.approach_speed=0.3",),
+    "approach": ("search.approach_speed=1.0",),
 }
 
 
