@@ -30,10 +30,11 @@ class Episodes(Section):
 
     segment: float = value(0.25, "how long one latent is held", "s", gt=0, le=60)
     seconds: float = value(2.0, "length of an episode, for each waypoint of the route", "s", gt=0, le=600)
-    simulations: int = value(64, "episodes side by side; the first one is played without exploration", "", ge=2, le=4096)
+    simulations: int = value(32, "episodes side by side; the first one is played without exploration", "", ge=2, le=4096)
     iterations: int = value(100, "rounds of episodes, each followed by learning", "", ge=1, le=100_000)
+    goal_tolerance: float = value(0.02, "an episode, and the plan, ends within this of the last waypoint", "m", gt=0)
     good_enough: float = value(
-        0.01, "learning ends once the composer without exploration ends this close to the last waypoint; 0 never", "m", ge=0
+        0.02, "learning ends once the composer without exploration ends this close to the last waypoint; 0 never", "m", ge=0
     )
     reward_scale: float = value(5.0, "factor on the reward, minus the metres left to go", "1/m", gt=0)
     discount: float = value(0.9, "gamma", "1/segment", ge=0, lt=1)
@@ -55,7 +56,7 @@ class Ddpg(Episodes):
         "continuous", "what the composer may choose: any latent, a skill's mean, or a mean or the half-way latent of two"
     )
     candidates: int = value(1, "of discrete choices, the critic decides between this many nearest ones", "", ge=1)
-    gradient_steps: int = value(50, "per round of episodes", "", ge=1, le=10_000)
+    gradient_steps: int = value(100, "per round of episodes", "", ge=1, le=10_000)
     minibatch: int = value(128, "transitions per gradient step", "samples", ge=1)
     replay: int = value(100_000, "transitions that are kept", "samples", ge=1, le=10_000_000)
     warm_up: int = value(4, "rounds of episodes with random latents before learning", "", ge=1)

@@ -42,7 +42,7 @@ SPECIAL = {name for names in OPTIONS.values() for name in names}
 HEURISTICS: Mapping[str, Sequence[str]] = {
     "none": ("search.weight=0",),
     "distance": ("search.approach_speed=0",),
-    "approach": ("search.approach_speed=0.3",),
+    "approach": ("search.approach_speed=1.0",),
 }
 
 
@@ -132,7 +132,7 @@ def plan_text(plan: str) -> str:
 
 def _named(args: Sequence[str]) -> str | None:
     """The value of --method, None where it is not given."""
-    for word, after in zip(args, [*args[1:], None], strict=True):
+    for word, after in zip(args, [*args[1:], None], strict=False):  # no words, no pairs
         if word == "--method":
             return after
         if word.startswith("--method="):

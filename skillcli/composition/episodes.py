@@ -1,7 +1,8 @@
 """A composition as a decision problem for a composer that learns: episodes from the start, an action is a latent.
 
 What the composer sees: the observation of the robot, and the landmarks as seen from the waypoint that is due. What it gets
-after each segment: minus the metres that are left to go. Episodes end by time (truncation) or by failure (termination).
+after each segment: minus the metres that were left to go, on average over its control steps. An episode is over when the
+last waypoint is met or a simulation fails (termination), or when time is up (truncation).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from skillcli.composition.latent_environment import Outcome
 from skillcli.composition.plan import Segment
 from skillcli.composition.planner import Proposal
 from skillcli.composition.route import Route
+from skillcli.methods import Episodes as Settings
 from skillcli.trajectories import Array
 
 FAILED = 5.0  # metres to go that a failure counts as
@@ -26,7 +28,7 @@ class Composer(Protocol):
         """Latents for features, (N, f) to (N, d)."""
 
     def learn(self, reward: Array, features: Array, terminated: Array) -> None:
-        """What the choice led to: reward (N,), features (N, f), and whether a simulation failed, (N,) bool."""
+        """What the choice led to: reward (N,), features (N, f), and whether the episode is over for good, (N,) bool."""
 
     def improve(self, valid: Array) -> dict[str, float]:
         """Between two rounds: learn from it; (T, N) tells which choices still counted. Returns what is worth logging.
@@ -50,21 +52,19 @@ class Episodes:
         composer: learns.
         num: N, episodes side by side.
         steps: control steps of a segment.
-        segments: T, in an episode.
-        rounds: of episodes, at most.
-        good_enough: m, learning ends once an episode without exploration ends this close to the last waypoint.
-        reward_scale: 1/m.
+        segments: T, in an episode at most.
+        settings: the recipe's.
     """
 
     def __init__(
         self, row: Array, points: Array, observation: Array, route: Route, composer: Composer, num: int, steps: int,
-        segments: int, rounds: int, good_enough: float, reward_scale: float,
+        segments: int, settings: Settings,
     ) -> None:  # fmt: skip
-        self._route, self._composer, self._steps, self._segments = route, composer, steps, segments
-        self._rounds, self._good_enough, self._scale = rounds, good_enough, reward_scale
+        self._route, self._composer, self._settings = route, composer, settings
+        self._steps, self._segments = steps, segments
         self._start = np.tile(row, (num, 1)), np.tile(points, (num, 1, 1)), np.tile(observation, (num, 1))
         self.curves: dict[str, list[float]] = {}
-        self.best = (np.inf, np.inf)  # waypoints missed and metres left at the end of the best episode
+        self.best: tuple[float, float, int] = (np.inf, np.inf, 0)  # waypoints missed, m from the last one, control steps
         self.weights: dict[str, Array] = {}  # of the composer that played it
         self._best_plan: list[Segment] = []
         self._round = self._control_steps = 0
@@ -73,22 +73,24 @@ class Episodes:
     def _begin(self) -> None:
         self._rows, points, observation = self._start
         num = len(self._rows)
-        self._due, self._failed = np.zeros(num, dtype=int), np.zeros(num, dtype=bool)
+        self._due, self._failed, self._arrived = np.zeros(num, dtype=int), np.zeros(num, dtype=bool), np.zeros(num, dtype=bool)
         self._return: Array = np.zeros(num)
         self._features = features_of(self._route, self._due, points, observation)
         self._chosen: list[Array] = []
         self._valid: list[Array] = []
+        self._greedy: list[Segment] = []  # what episode 0 did
+        self._gap = np.inf  # m, from its end to the last waypoint
 
     @property
     def finished(self) -> bool:
         """See `Planner`."""
-        return self._round >= self._rounds or (self.best[0] == 0 and self.best[1] <= self._good_enough)
+        return self._round >= self._settings.iterations or (self.best[0] == 0 and self.best[1] <= self._settings.good_enough)
 
     @property
     def done(self) -> tuple[int, int, str]:
         """See `Planner`."""
         near = f"{self.best[1]:.3f} m to the goal at best" if self._best_plan else ""
-        return self._round, self._rounds, near
+        return self._round, self._settings.iterations, near
 
     def plan(self) -> list[Segment]:
         """See `Planner`."""
@@ -101,38 +103,50 @@ class Episodes:
 
     def tell(self, outcome: Outcome) -> None:
         """See `Planner`."""
-        self._control_steps += int((~self._failed).sum()) * self._steps
-        self._valid.append(~self._failed)
-        self._due = self._route.follow(self._due, outcome.path).due
-        failed = outcome.failed & ~self._failed
-        self._failed |= outcome.failed
-        # a broken state is neither looked at nor stepped again
+        running = ~(self._failed | self._arrived)
+        walk = self._route.follow(self._due, outcome.path, self._settings.goal_tolerance)
+        failed, arrived = outcome.failed & running, (walk.arrived > 0) & running & ~outcome.failed
+        reward = -self._settings.reward_scale * np.where(failed, FAILED, walk.cost / self._steps)
+        self._control_steps += int(running.sum()) * self._steps
+        self._due = np.where(running, walk.due, self._due)
+        self._failed |= failed
+        self._arrived |= arrived
+        if running[0]:
+            self._follow(outcome, int(walk.arrived[0]))
+        # where an episode is over, nothing is looked at or stepped again: the state may be broken
         state = outcome.rows, outcome.path[:, -1], outcome.observation
+        over = self._failed | self._arrived
         self._rows, points, observation = (
-            np.where(self._failed.reshape(-1, *(1,) * (now.ndim - 1)), start, now)
+            np.where(over.reshape(-1, *(1,) * (now.ndim - 1)), start, now)
             for start, now in zip(self._start, state, strict=True)
         )
-        reward = -self._scale * np.where(failed, FAILED, self._route.left(self._due, points))
         self._features = features_of(self._route, self._due, points, observation)
-        self._composer.learn(reward, self._features, failed)
-        self._return += np.where(self._valid[-1], reward, 0.0)
+        self._composer.learn(reward, self._features, failed | arrived)
+        self._valid.append(running)
+        self._return += np.where(running, reward, 0.0)
         if len(self._chosen) == self._segments:
-            self._end(points)
+            self._end()
 
-    def _end(self, points: Array) -> None:
+    def _follow(self, outcome: Outcome, arrived: int) -> None:
+        """Take down what episode 0 did; its plan ends the moment it arrives."""
+        steps = arrived or self._steps
+        self._greedy.append(Segment(self._chosen[-1][0].astype(float), -1, "latent", steps))
+        self._gap = float(self._route.final_gap(outcome.path[:1, steps])[0])
+
+    def _end(self) -> None:
         """A round is over: keep the plan of episode 0 where it is the best so far, and let the composer learn."""
         missed = len(self._route.waypoints) - 1 - int(self._due[0])
-        gap = float(self._route.final_gap(points)[0])
-        ended = (float(missed), gap) if not self._failed[0] else (np.inf, np.inf)
-        if ended < self.best:
-            self.best, self.weights = ended, self._composer.arrays()
-            self._best_plan = [Segment(latent[0].astype(float), -1, "latent", self._steps) for latent in self._chosen]
+        gap = max(self._gap, self._settings.goal_tolerance if self._arrived[0] else 0.0)  # who arrives first wins, not closest
+        ended = (float(missed), gap, sum(segment.steps for segment in self._greedy))
+        if not self._failed[0] and ended < self.best:
+            self.best, self.weights, self._best_plan = ended, self._composer.arrays(), self._greedy
         self._round += 1
         point = {
             "env_steps": float(self._control_steps),
             "return": float(self._return[1:].mean()),
             "greedy_return": float(self._return[0]),
-            "greedy_final_distance": gap,
+            "greedy_final_distance": self._gap,
+            "arrived": float(self._arrived.mean()),
             **self._composer.improve(np.stack(self._valid)),
         }
         for name, number in point.items():

@@ -17,7 +17,7 @@ from skillcli.methods import Ddpg
 from skillcli.seeding import generator, torch_generator
 from skillcli.trajectories import Array
 
-FINAL_NOISE = 0.1  # of the noise at the start, in the last round
+FINAL = 0.1  # of exploration and step size at the start, in the last round: the last steps settle instead of wandering
 
 
 class Replay:
@@ -104,6 +104,8 @@ class DdpgComposer:
         self._seen, self._units, self._led = [], [], []
         self._round += 1
         logged = {"critic_loss": 0.0, "q": 0.0, "noise": self._noise()}
+        for optimizer in self._optimizers:
+            optimizer.param_groups[0]["lr"] = self._settings.learning_rate * self._left()
         for _ in range(self._settings.gradient_steps):
             logged |= self._step(acting=self._round >= self._settings.warm_up)
         check_finite("ddpg", logged, self.actor, self.critic)
@@ -126,8 +128,11 @@ class DdpgComposer:
         return options[torch.arange(len(unit)), value.argmax(-1)]
 
     def _noise(self) -> float:
-        share = min(1.0, self._round / self._settings.iterations)
-        return self._settings.noise * (1.0 - (1.0 - FINAL_NOISE) * share)
+        return self._settings.noise * self._left()
+
+    def _left(self) -> float:
+        """From 1 in the first round, linearly, to `FINAL` in the last."""
+        return 1.0 - (1.0 - FINAL) * min(1.0, self._round / self._settings.iterations)
 
     def _step(self, acting: bool) -> dict[str, float]:
         """One gradient step of the critic, and where it is acting of the actor; the targets follow."""

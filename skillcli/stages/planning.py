@@ -17,6 +17,7 @@ from skillcli.composition.route import Route
 from skillcli.composition.search import Expansions, Settings, UniformCostSearch
 from skillcli.composition.sequence import Entry
 from skillcli.envs.tasks import MAX_SIMULATIONS, make, standoff
+from skillcli.errors import SkillError
 from skillcli.learning.ddpg import DdpgComposer
 from skillcli.learning.ppo import PpoComposer
 from skillcli.methods import Episodes as EpisodeSettings
@@ -160,11 +161,11 @@ def _learned(leg: Leg, settings: EpisodeSettings, composer: Callable[[int], Comp
         num=settings.simulations,
         steps=steps,
         segments=max(1, round(settings.seconds * len(leg.waypoints) / (steps * leg.period))),
-        rounds=settings.iterations,
-        good_enough=settings.good_enough,
-        reward_scale=settings.reward_scale,
+        settings=settings,
     )  # fmt: skip
     run(planner, world, leg.tell("iterations"))
+    if not planner.plan():
+        raise SkillError("every episode failed that the composer played without exploring", "try another --seed")
     curves = {name: np.array(values) for name, values in planner.curves.items()}
     return Planned(planner.plan(), world.held, world.control_steps * leg.period, planner.weights, curves)
 

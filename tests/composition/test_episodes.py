@@ -8,6 +8,7 @@ from plane import ORIGIN, Plane
 from skillcli.composition.episodes import FAILED, Episodes
 from skillcli.composition.planner import run
 from skillcli.composition.route import Route
+from skillcli.methods import Episodes as Settings
 from skillcli.trajectories import Array
 
 
@@ -43,12 +44,10 @@ class Scripted:
         return {"round": np.array(self.round)}
 
 
-def episodes(composer: Scripted, rounds: int = 1, good_enough: float = 0.0, goal: tuple[float, ...] = (4, 0, 0)) -> Episodes:
-    route = Route(np.array([goal], dtype=float), tolerance=0.1)
-    return Episodes(
-        ORIGIN, ORIGIN[None], ORIGIN[:2], route, composer, num=3, steps=2, segments=3, rounds=rounds,
-        good_enough=good_enough, reward_scale=10.0,
-    )  # fmt: skip
+def episodes(composer: Scripted, rounds: int = 1, good_enough: float = 0.0) -> Episodes:
+    settings = Settings(goal_tolerance=0.01, good_enough=good_enough, reward_scale=10.0, iterations=rounds)
+    route = Route(np.array([[4.0, 0, 0]]), tolerance=0.1)
+    return Episodes(ORIGIN, ORIGIN[None], ORIGIN[:2], route, composer, num=3, steps=2, segments=3, settings=settings)
 
 
 def play(planner: Episodes, world: Plane | None = None) -> Episodes:
@@ -56,12 +55,21 @@ def play(planner: Episodes, world: Plane | None = None) -> Episodes:
     return planner
 
 
-def test_rewards_are_the_metres_left_after_each_segment() -> None:
+def test_rewards_are_the_metres_left_on_average_and_an_episode_is_over_where_it_arrives() -> None:
     composer = Scripted()
-    play(episodes(composer))
-    assert np.stack(composer.rewards).tolist() == [[-20, -20, -60], [0, 0, -80], [-20, -20, -100]]
-    seen = np.stack(composer.features)
-    assert seen[:, 0].tolist() == [[0, 0, -4, 0, 0], [2, 0, -2, 0, 0], [4, 0, 0, 0, 0], [6, 0, 2, 0, 0]]
+    planner = play(episodes(composer))
+    assert np.stack(composer.rewards[:2]).tolist() == [[-25, -25, -55], [-5, -5, -75]] and composer.rewards[2][2] == -95
+    assert composer.valid[0].tolist() == [[True, True, True], [True, True, True], [False, False, True]]
+    assert np.stack(composer.terminated).tolist() == [[False] * 3, [True, True, False], [False] * 3]
+    seen = np.stack(composer.features)[:, 1]
+    assert seen[:2].tolist() == [[0, 0, -4, 0, 0], [2, 0, -2, 0, 0]]
+    assert planner.curves["arrived"] == [2 / 3] and planner.curves["env_steps"] == [2 * (2 + 2 + 3)]
+    assert planner.curves["return"] == [(-30 - 225) / 2] and planner.curves["greedy_return"] == [-30]
+
+
+def test_the_plan_ends_the_moment_it_arrives() -> None:
+    planner = play(episodes(Scripted(speeds=(0.8,))))
+    assert [segment.steps for segment in planner.plan()] == [2, 2, 1] and planner.best == (0, 0.01, 5)
 
 
 def test_the_best_plan_of_the_first_episode_is_kept_with_its_weights() -> None:
@@ -70,6 +78,11 @@ def test_the_best_plan_of_the_first_episode_is_kept_with_its_weights() -> None:
     assert [segment.latent[0] for segment in planner.plan()] == [0.7] * 3 and planner.weights["round"] == 1
     np.testing.assert_allclose(planner.curves["greedy_final_distance"], [1.0, 0.2, 3.4])
     assert planner.curves["env_steps"] == [18, 36, 54] and planner.curves["round"] == [1, 2, 3]
+
+
+def test_who_arrives_sooner_is_better() -> None:
+    planner = play(episodes(Scripted(speeds=(0.8, 1.0, 0.8)), rounds=3))
+    assert planner.best == (0, 0.01, 4) and planner.weights["round"] == 1
 
 
 def test_learning_ends_once_it_is_good_enough() -> None:
@@ -81,10 +94,10 @@ def test_a_failed_episode_counts_once_and_is_over() -> None:
     composer = Scripted()
     planner = play(episodes(composer), Plane(lambda path: path[..., 0] > -3))
     assert np.stack(composer.terminated)[:, 2].tolist() == [False, True, False]
-    assert composer.valid[0][:, 2].tolist() == [True, True, False] and composer.valid[0][:, :2].all()
+    assert composer.valid[0][:, 2].tolist() == [True, True, False]
     assert composer.rewards[1][2] == -10 * FAILED
     assert composer.features[-1][2].tolist() == [0, 0, -4, 0, 0], "back at the start, not in the broken state"
-    assert planner.curves["return"] == [((-20 + 0 - 20) + (-60 - 50)) / 2], "the first episode is not counted"
+    assert planner.curves["return"] == [(-30 - 55 - 50) / 2], "the first episode is not counted"
 
 
 def test_a_first_episode_that_fails_gives_no_plan() -> None:

@@ -18,7 +18,14 @@ from skillcli.stages.request import Request
 from skillcli.store import ArtifactId, Store
 
 REACH, PUSH = load_recipe("reach"), load_recipe("push")
-DDPG = ["ddpg.simulations=4", "ddpg.iterations=3", "ddpg.seconds=0.5", "ddpg.gradient_steps=2", "ddpg.warm_up=1"]
+DDPG = [
+    "ddpg.simulations=4",
+    "ddpg.iterations=3",
+    "ddpg.seconds=0.5",
+    "ddpg.gradient_steps=2",
+    "ddpg.warm_up=1",
+    "ddpg.good_enough=0",
+]
 
 
 @pytest.fixture
