@@ -185,7 +185,7 @@ def open_regular(path: Path) -> BinaryIO:
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)
         raise ValueError("it is not a file")
-    return os.fdopen(handle, "rb")
+    return os.fdopen(handle, "rb", buffering=0)  # read in large pieces, or a few kilobytes alone
 
 
 def _header(file: BinaryIO) -> tuple[dict[str, Any], int]:

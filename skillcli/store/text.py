@@ -43,7 +43,7 @@ def parse(text: str | bytes) -> Any:
     Raises:
         ValueError: it is not, or holds NaN or Infinity.
     """
-    return json.loads(text, parse_constant=_no_constant)
+    return _STRICT.decode(text if isinstance(text, str) else text.decode())
 
 
 def sha256(value: Any) -> str:
@@ -53,3 +53,6 @@ def sha256(value: Any) -> str:
 
 def _no_constant(name: str) -> NoReturn:
     raise ValueError(f"{name} is not JSON")
+
+
+_STRICT = json.JSONDecoder(parse_constant=_no_constant)  # made once: a store is listed by thousands of headers
