@@ -99,13 +99,17 @@ def tasks(context: typer.Context) -> None:
     """List the tasks and their named compositions."""
     from rich.table import Table
 
-    from skillcli.envs.tasks import COMPOSITIONS, DESCRIPTIONS
+    from skillcli.envs.tasks import CHAINS, COMPOSITIONS, DESCRIPTIONS, INTERPOLATED_SETS
 
     session: Session = context.obj
-    table = Table("task", "what it is", "compositions")
+    table = Table("task", "what it is", "compositions", "interpolations")
+    between = {name: [*CHAINS[name], *INTERPOLATED_SETS] for name in DESCRIPTIONS}
     for name, description in DESCRIPTIONS.items():
-        table.add_row(name, description, ", ".join(COMPOSITIONS[name]))
-    listed = [{"name": name, "description": text, "compositions": COMPOSITIONS[name]} for name, text in DESCRIPTIONS.items()]
+        table.add_row(name, description, ", ".join(COMPOSITIONS[name]), ", ".join(between[name]))
+    listed = [
+        {"name": name, "description": text, "compositions": COMPOSITIONS[name], "interpolations": between[name]}
+        for name, text in DESCRIPTIONS.items()
+    ]
     session.result({"tasks": listed}, table)
 
 

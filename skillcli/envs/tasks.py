@@ -52,6 +52,7 @@ CHAINS: dict[str, dict[str, str]] = {
     "reach": {"u-shape": "3,4,8,7"},  # Julian et al. 2018: draws a U
     "push": {},
 }
+INTERPOLATED_SETS = ("pairs", "neighbours")  # interpolations of many routes, one for each pair of skills
 
 
 def make(task: Task, num: int, threads: int = 0, delay: bool = False) -> Environment:

@@ -10,7 +10,7 @@ import numpy as np
 from skillcli import metrics
 from skillcli.composition import interpolation, sequence
 from skillcli.composition.sequence import Entry
-from skillcli.envs.tasks import CHAINS, check_goal, goal_place, named_routes, skill_goals
+from skillcli.envs.tasks import CHAINS, INTERPOLATED_SETS, check_goal, goal_place, named_routes, skill_goals
 from skillcli.errors import UsageError
 from skillcli.recipe import Recipe
 from skillcli.stages.library import skill_names
@@ -47,7 +47,7 @@ class Request:
             task, goals = recipe.compose.task, recipe.compose.goals
         if not task and not goals:
             raise UsageError("nothing to compose: neither --task nor --goal is given", "see `skill tasks`, or give --goal")
-        if task in (*CHAINS[recipe.task.name], *SETS):
+        if task in (*CHAINS[recipe.task.name], *INTERPOLATED_SETS):
             raise UsageError(f"{task!r} goes through skills, not to goals", f"use --method interpolate --task {task}")
         return Request(task, _routes(recipe, task, goals))
 
@@ -60,9 +60,6 @@ class Request:
     def route(self) -> Array:
         """The route that each of them belongs to, (W,)."""
         return np.repeat(np.arange(len(self.routes)), [len(route) for route in self.routes])
-
-
-SETS = ("pairs", "neighbours")  # interpolations of many routes, one for each pair of skills
 
 
 def _routes(recipe: Recipe, task: str, goals: Goals) -> tuple[Array, ...]:
@@ -92,7 +89,7 @@ def _interpolated(recipe: Recipe, task: str, goals: Goals) -> Request:
     known = CHAINS[recipe.task.name]
     if not task and not settings.skills:
         task = next(iter(known), "neighbours")
-    chains = _pairs(task, places) if task in SETS else [_chain(recipe, task or settings.skills, known)]
+    chains = _pairs(task, places) if task in INTERPOLATED_SETS else [_chain(recipe, task or settings.skills, known)]
     entries = [interpolation.chain(chain, names, settings.hold, settings.blend) for chain in chains]
     return Request(task, tuple(places[list(chain)] for chain in chains), tuple(tuple(entry) for entry in entries))
 
@@ -109,7 +106,7 @@ def _chain(recipe: Recipe, task: str, known: dict[str, str]) -> list[int]:
     if not text:
         raise UsageError(
             f"no interpolation {task!r} for the {recipe.task.name} task",
-            f"interpolations: {', '.join((*known, *SETS))}; or give --skills, such as 3,4,8,7",
+            f"interpolations: {', '.join((*known, *INTERPOLATED_SETS))}; or give --skills, such as 3,4,8,7",
         )
     names = skill_names(recipe)
     chain = [sequence.skill_index(word, names) for word in text.replace(",", " ").split()]
