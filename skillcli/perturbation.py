@@ -79,6 +79,17 @@ class Range(BaseModel):
         logarithm: Array = rng.uniform(np.log(low), np.log(high), shape)
         return np.exp(logarithm)
 
+    def quantile(self, share: Array) -> Array:
+        """The values below which these shares, in [0, 1), of all draws lie; of a choice, that share of the list."""
+        if self.kind == "one_of":
+            chosen: Array = np.array(self.values)[(share * len(self.values)).astype(int)]
+            return chosen
+        low, high = self.values
+        if self.kind == "uniform":
+            return low + share * (high - low)
+        logarithm: Array = np.log(low) + share * (np.log(high) - np.log(low))
+        return np.exp(logarithm)
+
     def __str__(self) -> str:
         """As a person reads it."""
         if self.kind != "one_of":
@@ -126,3 +137,18 @@ def sample(ranges: Mapping[str, Range], episodes: int, rng: np.random.Generator)
         size = PARAMETERS[name][0]
         drawn[name] = values.draw(rng, (episodes,) if size == 1 else (episodes, size))
     return drawn
+
+
+def fill(ranges: Mapping[str, Range], count: int, rng: np.random.Generator) -> dict[str, Array]:
+    """Like `sample`, but spread out: every parameter takes one value out of each of `count` equal shares of its range.
+
+    Latin hypercube sampling (McKay, Beckman and Conover 1979): a few robots show what many would.
+    """
+    filled = {}
+    for name, values in sorted(ranges.items()):
+        size = PARAMETERS[name][0]
+        order = np.argsort(rng.random((count, size)), axis=0)
+        share = (order + rng.random((count, size))) / max(1, count)
+        drawn = values.quantile(share)
+        filled[name] = drawn[:, 0] if size == 1 else drawn
+    return filled

@@ -70,6 +70,9 @@ class ArmTask(SkillSet):
     action_limit: float = value(0.04, "largest joint increment per control step", "rad", gt=0, le=0.2)
     control_period: float = value(0.05, "time between two commands", "s", gt=0, le=1)
     timestep: float = value(0.005, "time step of the physics", "s", gt=0, le=0.02)
+    observe_command: bool = value(
+        False, "the policy also sees how far its commanded joint target leads the measured joints: what is still under way"
+    )
 
     @model_validator(mode="after")
     def _whole_substeps(self) -> ArmTask:
@@ -264,10 +267,14 @@ class Search(Section):
 
 
 class Compose(Section):
-    """What a composition is asked for when the command line does not say."""
+    """What a composition is asked for when the command line does not say, and the robots that a plan has to hold on."""
 
     task: str = value("", "a named composition task, empty for none", "")
     goals: tuple[tuple[float, ...], ...] = value((), "goals in order, as --goal takes them, where no named task is given", "m")
+    ensemble: int = value(
+        0, "search and mpc score every latent on this many robots at once: the nominal one, and others drawn", "", ge=0, le=64
+    )
+    robots: str = value("real-like", "the domain that the others are drawn from", "")
 
 
 class Transfer(Section):
@@ -275,6 +282,10 @@ class Transfer(Section):
 
     domains: tuple[str, ...] = value(("nominal", "mild", "real-like"), "target domains", "", min_length=1)
     episodes: int = value(50, "episodes per domain", "", ge=1, le=10_000)
+    replan: bool = value(False, "look at the target after every segment, plan again from there and go on")
+    replan_batch: int = value(4, "nodes that a search expands at once when it plans again", "nodes", ge=1, le=4096)
+    replan_budget: int = value(40, "nodes after which it takes the best plan so far", "nodes", ge=1)
+    patience: float = value(3.0, "replanning gives up after this many times what the plan takes in the source", "", ge=1, le=100)
 
 
 MAX_GRID = 1024  # latents on the grid of a search

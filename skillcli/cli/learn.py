@@ -111,6 +111,10 @@ def compose(
     iterations: Annotated[int | None, option("Rounds of episodes at most.", metavar="N")] = None,
     latents: Annotated[str | None, option("What may be chosen: continuous, means, interpolated.", metavar="NAME")] = None,
     lookahead: Annotated[int | None, option("Segments that are looked ahead.", metavar="N")] = None,
+    ensemble: Annotated[
+        int | None, option("Robots that every latent is tried on at once; a plan has to hold on all.", min=0, metavar="N")
+    ] = None,
+    on: Annotated[str, option("Plan on one robot drawn from this domain, see `skill domains`.", metavar="DOMAIN")] = "",
 ) -> None:
     """Compose frozen skills in the latent space into a task never trained (stage 2)."""
     from skillcli.recipe import resolve
@@ -120,8 +124,11 @@ def compose(
     given = {
         "heuristic": heuristic, "weight": weight, "skills": skills, "hold": hold, "blend": blend, "plan": plan,
         "seconds": seconds, "seed": seed, "iterations": iterations, "latents": latents, "lookahead": lookahead,
+        "ensemble": ensemble, "on": on,
     }  # fmt: skip
     chosen = settings(method, given)
+    if on and ensemble:
+        raise UsageError("--on plans on one target, --ensemble on several robots", "leave one of them out")
     found = session.pick(source, "embed-means", "pretrain")
     from skillcli.stages.compose import Request
     from skillcli.stages.compose import compose as stage
@@ -129,7 +136,7 @@ def compose(
     recipe = resolve(session.store.read(found).recipe, [*(overrides or ()), *chosen])
     request = Request.of(recipe, task, goals, method)
     with session.progress() as report:
-        artifact = stage(session.store, found, recipe, request, method, session.command, checked(name), report, seed)
+        artifact = stage(session.store, found, recipe, request, method, session.command, checked(name), report, seed, on)
     if not artifact.results["success"]:
         session.say(f"[yellow]the plan does not meet every waypoint[/]: {MORE[method]}")
     _done(session, artifact, f"skill transfer-eval {artifact.id}")
@@ -142,8 +149,12 @@ def transfer_eval(
         list[str] | None, typer.Option("--domain", help="Target domain, see `skill domains`.", metavar="NAME")
     ] = None,
     episodes: Annotated[int | None, typer.Option("--episodes", help="Per domain.", min=1, max=10_000)] = None,
+    replan: Annotated[
+        bool, typer.Option("--replan", help="Look at the target after every segment, plan again from there and go on.")
+    ] = False,
     seed: Seed = 0,
     name: Name = None,
+    overrides: Set = None,
 ) -> None:
     """Run a composition, or bare skills, on robots that differ from the simulation (stage 3)."""
     from skillcli.recipe import resolve
@@ -152,7 +163,8 @@ def transfer_eval(
     found = session.pick(source, "compose", *(("embed-means", "pretrain") if source else ()))
     from skillcli.stages.transfer_eval import transfer_eval as stage
 
-    recipe = resolve(session.store.read(found).recipe)
+    given = [*(overrides or ()), *(["transfer.replan=true"] if replan else [])]
+    recipe = resolve(session.store.read(found).recipe, given)
     domains = list(dict.fromkeys(domain or recipe.transfer.domains))
     with session.progress() as report:
         artifact = stage(

@@ -23,12 +23,12 @@ ABOUT = {
     "mpc": "sampled sequences of latents, replanned for every segment; plans faster than the robot moves",
 }
 OPTIONS = {
-    "search": ("heuristic", "weight"),
+    "search": ("heuristic", "weight", "ensemble", "on", "seed"),
     "interpolate": ("skills", "hold", "blend"),
     "sequence": ("plan", "seconds"),
-    "ddpg": ("seed", "iterations", "latents"),
-    "ppo": ("seed", "iterations"),
-    "mpc": ("seed", "lookahead"),
+    "ddpg": ("seed", "iterations", "latents", "on"),
+    "ppo": ("seed", "iterations", "on"),
+    "mpc": ("seed", "lookahead", "ensemble", "on"),
 }
 MORE = {  # what to try where a waypoint is missed
     "search": "try --set search.budget=50000 or search.interpolated=true",
@@ -101,7 +101,10 @@ def settings(method: str, options: Mapping[str, Any]) -> list[str]:
     found: list[str] = []
     for name in OPTIONS[method]:
         value = options[name]
-        if value is None or name == "seed":
+        if value is None or name in ("seed", "on"):
+            continue
+        if name == "ensemble":
+            found.append(f"compose.ensemble={value}")
             continue
         if name == "heuristic":
             if value not in HEURISTICS:

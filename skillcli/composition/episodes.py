@@ -104,17 +104,18 @@ class Episodes:
     def tell(self, outcome: Outcome) -> None:
         """See `Planner`."""
         running = ~(self._failed | self._arrived)
-        walk = self._route.follow(self._due, outcome.path, self._settings.goal_tolerance)
-        failed, arrived = outcome.failed & running, (walk.arrived > 0) & running & ~outcome.failed
+        walk = self._route.follow(self._due[:, None], outcome.path, self._settings.goal_tolerance)
+        broken, path = outcome.failed[:, 0], outcome.path[:, 0]  # a composer learns on one robot
+        failed, arrived = broken & running, (walk.arrived > 0) & running & ~broken
         reward = -self._settings.reward_scale * np.where(failed, FAILED, walk.cost / self._steps)
         self._control_steps += int(running.sum()) * self._steps
-        self._due = np.where(running, walk.due, self._due)
+        self._due = np.where(running, walk.due[:, 0], self._due)
         self._failed |= failed
         self._arrived |= arrived
         if running[0]:
-            self._follow(outcome, int(walk.arrived[0]))
+            self._follow(path[0], int(walk.arrived[0]))
         # where an episode is over, nothing is looked at or stepped again: the state may be broken
-        state = outcome.rows, outcome.path[:, -1], outcome.observation
+        state = outcome.rows, path[:, -1], outcome.observation[:, 0]
         over = self._failed | self._arrived
         self._rows, points, observation = (
             np.where(over.reshape(-1, *(1,) * (now.ndim - 1)), start, now)
@@ -127,11 +128,11 @@ class Episodes:
         if len(self._chosen) == self._segments:
             self._end()
 
-    def _follow(self, outcome: Outcome, arrived: int) -> None:
+    def _follow(self, path: Array, arrived: int) -> None:
         """Take down what episode 0 did; its plan ends the moment it arrives."""
         steps = arrived or self._steps
         self._greedy.append(Segment(self._chosen[-1][0].astype(float), -1, "latent", steps))
-        self._gap = float(self._route.final_gap(outcome.path[:1, steps])[0])
+        self._gap = float(self._route.final_gap(path[steps]))
 
     def _end(self) -> None:
         """A round is over: keep the plan of episode 0 where it is the best so far, and let the composer learn."""

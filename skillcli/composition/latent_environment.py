@@ -1,4 +1,8 @@
-"""The environment seen from above: the frozen policy is part of it, and an action is a latent held for a while."""
+"""The environment seen from above: the frozen policy is part of it, and an action is a latent held for a while.
+
+Every latent may be tried on several robots side by side: a plan that holds on all of them has a better chance on one that
+nobody has modelled.
+"""
 
 from __future__ import annotations
 
@@ -38,51 +42,69 @@ class Simulations(Protocol):
 class Outcome:
     """What held latents led to."""
 
-    path: Array  # (n, T+1, L, 3) m, of the landmarks, the judged point first; row 0 before the first step
-    failed: Array  # (n,) bool
-    rows: Array  # (n, S) whole states behind the last step
-    observation: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (n, o) what the policy sees there
+    path: Array  # (n, M, T+1, L, 3) m, of the landmarks on M robots, the judged point first; row 0 before the first step
+    failed: Array  # (n, M) bool
+    rows: Array  # (n, S) whole states of all robots behind the last step
+    observation: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))  # (n, M, o) what the policy sees there
 
 
 class LatentEnvironment:
-    """Holds latents in N slots at once; states are saved and restored, so no prefix is ever replayed."""
+    """Holds latents in many slots at once; states are saved and restored, so no prefix is ever replayed.
 
-    def __init__(self, env: Simulations, act: Act) -> None:
-        self._env, self._act = env, act
-        self.control_steps = 0  # spent so far, over all slots in use
+    Args:
+        env: simulations, `robots` for each slot: simulation i is a robot of the kind i modulo `robots`.
+        act: the frozen policy.
+        robots: M, on which every latent is tried side by side.
+    """
+
+    def __init__(self, env: Simulations, act: Act, robots: int = 1) -> None:
+        self._env, self._act, self.robots = env, act, robots
+        self.slots = env.num // robots
+        self.control_steps = 0  # spent so far, over all robots in use
         self.held = 0  # latents that were held so far, each from one state
 
     def start(self) -> tuple[Array, Array]:
-        """State (S,) and landmarks (L, 3) of slot 0 as it stands."""
-        return self._env.save(np.array([0]))[0], self._env.landmarks()[0]
+        """State (S,) and landmarks (M, L, 3) of slot 0 as it stands."""
+        first = np.arange(self.robots)
+        return self._env.save(first).ravel(), self._env.landmarks()[first]
 
     def observe(self, row: Array) -> Array:
-        """What the policy sees in a state, (S,) to (o,)."""
-        self._env.restore(np.array([0]), row[None])
-        seen: Array = self._env.observe()[0]
+        """What the policy sees in a state, (S,) to (M, o)."""
+        first = np.arange(self.robots)
+        self._env.restore(first, row.reshape(self.robots, -1))
+        seen: Array = self._env.observe()[first]
         return seen
 
     def hold(self, rows: Array, latent: Array, steps: int) -> Outcome:
         """From states (n, S), hold latents (n, d) for some control steps, n as large as it may be."""
         parts = [
-            self._hold(rows[first : first + self._env.num], latent[first : first + self._env.num], steps)
-            for first in range(0, len(rows), self._env.num)
-        ]
+            self.hold_at(np.arange(len(rows[first : first + self.slots])), rows[first:][: self.slots],
+                         latent[first:][: self.slots], steps)
+            for first in range(0, len(rows), self.slots)
+        ]  # fmt: skip
         return Outcome(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Outcome)))
 
-    def _hold(self, rows: Array, latent: Array, steps: int) -> Outcome:
-        used = np.arange(len(rows))
+    def hold_at(self, slots: Array, rows: Array, latent: Array, steps: int) -> Outcome:
+        """The same in chosen slots (n,): whose robots are those of which the states are."""
+        count, robots = len(slots), self.robots
+        used = (slots[:, None] * robots + np.arange(robots)).ravel()
         held = np.zeros((self._env.num, latent.shape[1]))
-        held[used] = latent
-        self._env.restore(used, rows)
+        held[used] = np.repeat(latent, robots, axis=0)
+        self._env.restore(used, rows.reshape(count * robots, -1))
         path = [self._env.landmarks()[used]]
-        failed = np.zeros(len(rows), dtype=bool)
+        failed = np.zeros(len(used), dtype=bool)
         observation = self._env.observe()
         for _ in range(steps):
             step = self._env.step(self._act(observation, held))
             observation = step.observation
             failed |= step.terminated[used]
             path.append(self._env.landmarks()[used])
-        self.control_steps += steps * len(rows)
-        self.held += len(rows)
-        return Outcome(np.stack(path, axis=1), failed, self._env.save(used), observation[used])
+        self.control_steps += steps * len(used)
+        self.held += count
+        along = np.stack(path, axis=1)
+        return Outcome(
+            path=along.reshape(count, robots, *along.shape[1:]),
+            failed=failed.reshape(count, robots),
+            rows=self._env.save(used).reshape(count, -1),
+            observation=observation[used].reshape(count, robots, -1),
+        )

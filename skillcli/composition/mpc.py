@@ -11,7 +11,7 @@ import numpy as np
 from skillcli.composition.latent_environment import Outcome
 from skillcli.composition.plan import Segment
 from skillcli.composition.planner import Proposal
-from skillcli.composition.route import Route, Walk
+from skillcli.composition.route import Route, Walk, cautious
 from skillcli.methods import Mpc
 from skillcli.trajectories import Array
 
@@ -20,13 +20,13 @@ FAILED = 1e3  # m, cost of a simulation that failed
 
 
 class Trial:
-    """M sequences of H latents under way, all from one state, segment by segment."""
+    """Sequences of H latents under way, all from one state, segment by segment."""
 
-    def __init__(self, sequences: Array, row: Array, due: int) -> None:
+    def __init__(self, sequences: Array, row: Array, due: Array) -> None:
         count = len(sequences)
-        self.sequences = sequences  # (M, H, d)
+        self.sequences = sequences  # (n, H, d)
         self.rows = np.tile(row, (count, 1))
-        self.due = np.full(count, due)
+        self.due = np.tile(due, (count, 1))  # (n, M)
         self.cost, self.over = np.zeros(count), np.zeros(count, dtype=bool)
         self.segment = 0  # how many were tried already
         self.first: tuple[Array, Array, Walk] | None = None  # what the first one led to: rows, landmarks, walk
@@ -34,8 +34,9 @@ class Trial:
     def take(self, outcome: Outcome, route: Route, within: float) -> None:
         """What the present segment led to; a sequence that arrived costs nothing more."""
         walk = route.follow(self.due, outcome.path, within)
-        self.cost += np.where(self.over, 0.0, walk.cost) + np.where(outcome.failed & ~self.over, FAILED, 0.0)
-        self.over |= (walk.arrived > 0) | outcome.failed
+        failed = outcome.failed.any(axis=1)
+        self.cost += np.where(self.over, 0.0, walk.cost) + np.where(failed & ~self.over, FAILED, 0.0)
+        self.over |= (walk.arrived > 0) | failed
         self.due, self.rows = walk.due, np.where(self.over[:, None], self.rows, outcome.rows)
         if self.first is None:
             self.first = outcome.rows, outcome.path, walk
@@ -47,7 +48,7 @@ class ModelPredictiveControl:
 
     Args:
         row: (S,) the start state.
-        points: (L, 3) m, the landmarks there.
+        points: (M, L, 3) m, the landmarks there, on M robots.
         route: where to go.
         means: (K, d) of the skills; holding each is among the first sequences tried before every segment.
         box: (2, d) lowest and highest latent.
@@ -61,14 +62,14 @@ class ModelPredictiveControl:
         self, row: Array, points: Array, route: Route, means: Array, box: Array, settings: Mpc, steps: int, longest: int,
         rng: np.random.Generator,
     ) -> None:  # fmt: skip
-        self._row, self._points, self._due = row, points, 0
+        self._row, self._points, self._due = row, points, np.zeros(len(points), dtype=int)
         self._route, self._means, self._settings = route, means, settings
         self._box, self._steps, self._longest, self._rng = box, steps, longest, rng
         self._half = (box[1] - box[0]) / 2
         self._mean = np.tile(box.mean(axis=0), (settings.lookahead, 1))  # (H, d)
         self._spread = np.tile(self._half, (settings.lookahead, 1))
         self._segments: list[Segment] = []
-        self._arrived = len(route.waypoints) == 1 and float(route.final_gap(points[None])[0]) <= settings.goal_tolerance
+        self._arrived = len(route.waypoints) == 1 and float(cautious(route.final_gap(points))) <= settings.goal_tolerance
         self._round = 0
         self._trial = self._draw()
 
@@ -80,7 +81,7 @@ class ModelPredictiveControl:
     @property
     def done(self) -> tuple[int, int, str]:
         """See `Planner`."""
-        left = float(self._route.left(np.array([self._due]), self._points[None])[0])
+        left = float(cautious(self._route.left(self._due, self._points)))
         return len(self._segments), self._longest, f"{left:.3f} m to go"
 
     def plan(self) -> list[Segment]:
@@ -126,7 +127,7 @@ class ModelPredictiveControl:
         rows, path, walk = self._trial.first
         arrived = int(walk.arrived[best])
         steps = arrived or self._steps
-        self._row, self._points, self._due = rows[best], path[best, steps], int(walk.due[best])
+        self._row, self._points, self._due = rows[best], path[best, :, steps], walk.due[best]
         sequence = self._trial.sequences[best]
         self._segments.append(Segment(sequence[0], -1, "latent", steps))
         self._arrived = arrived > 0

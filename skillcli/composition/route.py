@@ -1,4 +1,4 @@
-"""Where a composition has to go: waypoints in order, and how much is left to do."""
+"""Where a composition has to go: waypoints in order, and how much is left to do, on one robot or on several at once."""
 
 from __future__ import annotations
 
@@ -8,15 +8,22 @@ import numpy as np
 
 from skillcli.trajectories import Array
 
+CAUTION = 0.5  # standard deviations over the robots that count on top of their mean
 FADE = 0.03  # m from a waypoint within which the place behind the box, which jumps there, counts less and less
+
+
+def cautious(values: Array) -> Array:
+    """One number for what differs between robots, mean plus `CAUTION` standard deviations: (n, M) to (n,)."""
+    number: Array = values.mean(axis=-1) + CAUTION * values.std(axis=-1)
+    return number
 
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """What n paths got done."""
+    """What n paths got done, each walked by M robots."""
 
-    due: Array  # (n,) the waypoint that is due at the end
-    arrived: Array  # (n,) the step at which the last waypoint was met, 0 where it was not
+    due: Array  # (n, M) the waypoint that is due at the end
+    arrived: Array  # (n,) the step at which the last waypoint was met by all, 0 where it was not
     cost: Array  # (n,) m, what was left to go after each step, summed up to there
 
 
@@ -34,46 +41,47 @@ class Route:
     approach: float = 0.25  # metres to go that a metre between gripper and that place counts for
 
     def follow(self, due: Array, path: Array, within: float = 0.0) -> Walk:
-        """What a path gets done: (n,) indices of the waypoints that are due, and (n, T+1, L, 3) m landmarks.
+        """What a path gets done: (n, M) indices of the waypoints that are due, and (n, M, T+1, L, 3) m landmarks.
 
-        Row 0 of the path has been looked at before. The last waypoint stays due; the path is over where it comes `within`
-        that many metres of it, and nothing counts from there on.
+        Row 0 of the path has been looked at before. The last waypoint stays due; the path is over where all robots have it
+        due and come, cautiously counted, `within` that many metres of it. Nothing counts from there on.
         """
         due, arrived = due.copy(), np.zeros(len(path), dtype=int)
         cost: Array = np.zeros(len(path))
         last = len(self.waypoints) - 1
-        for t in range(1, path.shape[1]):
-            under_way = arrived == 0
-            gap = np.linalg.norm(path[:, t, 0] - self.waypoints[due], axis=1)
-            due += under_way & (gap <= self.tolerance) & (due < last)
-            arrived[under_way & (due == last) & (self.final_gap(path[:, t]) <= within)] = t
-            cost += np.where(arrived == 0, self.left(due, path[:, t]), 0.0)
+        for t in range(1, path.shape[2]):
+            now, under_way = path[:, :, t], arrived == 0
+            gap = np.linalg.norm(now[..., 0, :] - self.waypoints[due], axis=-1)
+            due += under_way[:, None] & (gap <= self.tolerance) & (due < last)
+            there = (due == last).all(axis=1) & (cautious(self.final_gap(now)) <= within)
+            arrived[under_way & there] = t
+            cost += np.where(arrived == 0, cautious(self.left(due, now)), 0.0)
         return Walk(due, arrived, cost)
 
     def gap(self, due: Array, points: Array) -> Array:
-        """Landmarks (n, L, 3) m as seen from the waypoint that is due, (n, L, 3) m."""
-        gap: Array = points - self.waypoints[due][:, None]
+        """Landmarks (..., L, 3) m as seen from the waypoint (...,) that is due, (..., L, 3) m."""
+        gap: Array = points - self.waypoints[due][..., None, :]
         return gap
 
     def left(self, due: Array, points: Array) -> Array:
-        """Metres left to go for landmarks (n, L, 3) m: to the waypoint due, on through the others, and the approach; (n,)."""
+        """Metres left to go for landmarks (..., L, 3) m: to the waypoint due, on through the others, and the approach; (...,)."""
         legs = np.linalg.norm(np.diff(self.waypoints, axis=0), axis=1)
         behind = np.concatenate([np.cumsum(legs[::-1])[::-1], [0.0]])
-        gap = np.linalg.norm(points[:, 0] - self.waypoints[due], axis=1)
+        gap = np.linalg.norm(points[..., 0, :] - self.waypoints[due], axis=-1)
         left: Array = gap + behind[due]
-        if points.shape[1] > 1:
+        if points.shape[-2] > 1:
             left += self.approach * np.minimum(gap / FADE, 1.0) * self._approach(due, points)
         return left
 
     def final_gap(self, points: Array) -> Array:
-        """Distance of the judged point to the last waypoint, (n, L, 3) m to (n,) m."""
-        gap: Array = np.linalg.norm(points[:, 0] - self.waypoints[-1], axis=1)
+        """Distance of the judged point to the last waypoint, (..., L, 3) m to (...,) m."""
+        gap: Array = np.linalg.norm(points[..., 0, :] - self.waypoints[-1], axis=-1)
         return gap
 
     def _approach(self, due: Array, points: Array) -> Array:
-        """From the gripper to where it can push the box straight at the waypoint, seen from above, (n,) m."""
-        box, gripper = points[:, 0, :2], points[:, 1, :2]
+        """From the gripper to where it can push the box straight at the waypoint, seen from above, (...,) m."""
+        box, gripper = points[..., 0, :2], points[..., 1, :2]
         gap = self.waypoints[due, :2] - box
-        direction = gap / np.maximum(np.linalg.norm(gap, axis=1, keepdims=True), 1e-6)
-        distance: Array = np.linalg.norm(gripper - (box - self.standoff * direction), axis=1)
+        direction = gap / np.maximum(np.linalg.norm(gap, axis=-1, keepdims=True), 1e-6)
+        distance: Array = np.linalg.norm(gripper - (box - self.standoff * direction), axis=-1)
         return distance

@@ -17,6 +17,7 @@ import numpy as np
 from skillcli.composition.latent_environment import LatentEnvironment, Outcome
 from skillcli.composition.plan import Choices, Segment
 from skillcli.composition.planner import Proposal, run
+from skillcli.composition.route import cautious
 from skillcli.trajectories import Array
 
 
@@ -28,8 +29,8 @@ class Node:
     choice: int  # index into the choices, -1 at the root
     steps: int  # control steps that the last latent was held
     cost: float  # control steps from the start
-    due: int  # index of the waypoint that has to be met next
-    points: Array  # (L, 3) m, the landmarks, the judged point first
+    due: Array  # (M,) index of the waypoint that has to be met next, on each robot
+    points: Array  # (M, L, 3) m, the landmarks, the judged point first
     row: Array  # (S,) the simulator's state
     speed: float  # m/s of the judged point at the end
 
@@ -55,7 +56,7 @@ class UniformCostSearch:
 
     Args:
         root: the start state.
-        points: (L, 3) m, the landmarks there: the judged point, and the gripper where that is a box.
+        points: (M, L, 3) m, the landmarks there on M robots: the judged point, and the gripper where that is a box.
         waypoints: (W, 3) m, to be met in order, each at any step; the plan ends where the last one is met.
         choices: latents.
         settings: see `Settings`.
@@ -65,7 +66,7 @@ class UniformCostSearch:
         self.waypoints, self.choices, self.settings = waypoints, choices, settings
         legs = np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
         self._legs_behind = np.concatenate([np.cumsum(legs[::-1])[::-1], [0.0]])  # m, path behind each waypoint
-        start = Node(None, -1, 0, 0.0, 0, points, root, 0.0)
+        start = Node(None, -1, 0, 0.0, np.zeros(len(points), dtype=int), points, root, 0.0)
         self._order = itertools.count()
         self._open: list[tuple[float, int, Node]] = [(self._priority(start), next(self._order), start)]
         self._cheapest: dict[tuple[int, ...], float] = {self._cell(start): start.cost}
@@ -95,15 +96,16 @@ class UniformCostSearch:
     def tell(self, nodes: Sequence[Node], choice: Array, outcome: Outcome, steps: int) -> list[Node]:
         """Take what holding a choice (n,) from each of n nodes for some steps led to; returns the children kept."""
         children = []
-        speed = np.linalg.norm(np.diff(outcome.path[:, :, 0], axis=1), axis=2) / self.settings.step_seconds  # (n, steps)
+        judged = outcome.path[:, :, :, 0]
+        speed = np.linalg.norm(np.diff(judged, axis=2), axis=3).mean(axis=1) / self.settings.step_seconds  # (n, steps)
+        dues, met = self._progress(np.array([node.due for node in nodes]), judged, speed)
         for i, node in enumerate(nodes):
-            if outcome.failed[i]:
+            if outcome.failed[i].any():
                 continue
-            path, speeds = outcome.path[i], speed[i]
-            due, met = self._progress(node.due, path[:, 0], speeds)
-            held = met or steps  # a plan ends the moment its last goal is met
+            held = int(met[i]) or steps  # a plan ends the moment its last goal is met
+            points = outcome.path[i, :, held]
             child = Node(
-                node, int(choice[i]), held, node.cost + held, due, path[held], outcome.rows[i], float(speeds[held - 1])
+                node, int(choice[i]), held, node.cost + held, dues[i], points, outcome.rows[i], float(speed[i, held - 1])
             )
             cell = self._cell(child)
             if child.cost >= self._cheapest.get(cell, float("inf")):
@@ -132,7 +134,7 @@ class UniformCostSearch:
         return node.cost > self._cheapest[self._cell(node)]
 
     def _keep(self, child: Node) -> None:
-        if child.due == len(self.waypoints):
+        if self._met(child):
             if self.goal is None or child.cost < self.goal.cost:
                 self.goal = self.best = child
             return
@@ -140,35 +142,52 @@ class UniformCostSearch:
         if self.goal is None and self._merit(child) < self._merit(self.best):
             self.best = child
 
-    def _progress(self, due: int, path: Array, speed: Array) -> tuple[int, int]:
-        """Which waypoint is due behind a path, and the step at which the last one was met, 0 where it was not."""
-        last = len(self.waypoints) - 1
-        for t in range(1, len(path)):
-            while due < last and np.linalg.norm(path[t] - self.waypoints[due]) <= self.settings.tolerance:
-                due += 1
-            slow = speed[t - 1] <= self.settings.final_speed
-            if due == last and slow and np.linalg.norm(path[t] - self.waypoints[last]) <= self.settings.tolerance:
-                return due + 1, t
-        return due, 0
+    def _met(self, node: Node) -> bool:
+        """Whether every waypoint is behind a node."""
+        return bool(node.due.min() >= len(self.waypoints))
+
+    def _progress(self, due: Array, path: Array, speed: Array) -> tuple[Array, Array]:
+        """Which waypoint is due behind each path, and the step at which the last one was met, 0 where it was not.
+
+        Args:
+            due: (n, M) before.
+            path: (n, M, T+1, 3) m.
+            speed: (n, T) m/s.
+        """
+        last, tolerance = len(self.waypoints) - 1, self.settings.tolerance
+        due, met = due.copy(), np.zeros(len(path), dtype=int)
+        for t in range(1, path.shape[2]):
+            for _ in range(last):  # waypoints may lie so close that one step meets several
+                near = np.linalg.norm(path[:, :, t] - self.waypoints[np.minimum(due, last)], axis=2) <= tolerance
+                passed = (met == 0)[:, None] & near & (due < last)
+                if not passed.any():
+                    break
+                due += passed
+            gap = cautious(np.linalg.norm(path[:, :, t] - self.waypoints[last], axis=2))
+            slow = speed[:, t - 1] <= self.settings.final_speed
+            met[(met == 0) & (due == last).all(axis=1) & slow & (gap <= tolerance)] = t
+        due[met > 0] = last + 1
+        return due, met
 
     def _remaining(self, node: Node) -> float:
         """Length of the straight way through all waypoints that are due, m."""
-        if node.due >= len(self.waypoints):
+        if self._met(node):
             return 0.0
-        return float(np.linalg.norm(node.points[0] - self.waypoints[node.due]) + self._legs_behind[node.due])
+        gap = np.linalg.norm(node.points[:, 0] - self.waypoints[node.due], axis=1)
+        return float(cautious(gap + self._legs_behind[node.due]))
 
     def _approach(self, node: Node) -> float:
         """How far the gripper is from where it can push the box straight at the waypoint that is due, m."""
-        box, gripper = node.points[:2, :2]
+        box, gripper = node.points[:, 0, :2], node.points[:, 1, :2]
         gap = self.waypoints[node.due, :2] - box
-        behind = box - self.settings.standoff * gap / max(float(np.linalg.norm(gap)), 1e-6)
-        return float(np.linalg.norm(gripper - behind))
+        behind = box - self.settings.standoff * gap / np.maximum(np.linalg.norm(gap, axis=1, keepdims=True), 1e-6)
+        return float(cautious(np.linalg.norm(gripper - behind, axis=1)))
 
     def _priority(self, node: Node) -> float:
-        if self.settings.max_speed <= 0 or node.due >= len(self.waypoints):
+        if self.settings.max_speed <= 0 or self._met(node):
             return node.cost
         # each waypoint may be met a tolerance early and left a tolerance late: less way than the straight one
-        slack = self.settings.tolerance * (2 * (len(self.waypoints) - node.due) - 1)
+        slack = self.settings.tolerance * (2 * (len(self.waypoints) - int(node.due.min())) - 1)
         seconds = max(0.0, self._remaining(node) - slack) / self.settings.max_speed
         if self.settings.approach_speed > 0:
             seconds += self._approach(node) / self.settings.approach_speed
@@ -176,13 +195,17 @@ class UniformCostSearch:
 
     def _merit(self, node: Node) -> tuple[int, float]:
         """How far from the end a node is, for the best plan where none meets everything."""
-        return (-node.due, self._remaining(node))
+        return (-int(node.due.min()), self._remaining(node))
 
     def _cell(self, node: Node) -> tuple[int, ...]:
-        """States that count as one: judged points in one cell, other landmarks in cells of twice the size."""
-        size = np.where(np.arange(len(node.points)) == 0, 1.0, 2.0) * self.settings.resolution
-        at = np.floor(node.points / size[:, None]).astype(int).ravel()
-        return (node.due, *at.tolist(), int(node.speed > self.settings.final_speed))
+        """States that count as one: judged points in one cell, other landmarks in cells of twice the size.
+
+        Of several robots it is the middle one's place that counts: no two plans would ever meet on all of them.
+        """
+        points = node.points.mean(axis=0)
+        size = np.where(np.arange(len(points)) == 0, 1.0, 2.0) * self.settings.resolution
+        at = np.floor(points / size[:, None]).astype(int).ravel()
+        return (int(node.due.min()), *at.tolist(), int(node.speed > self.settings.final_speed))
 
 
 class Expansions:
@@ -196,15 +219,18 @@ class Expansions:
         self._durations = sorted(search.settings.durations)
         self._left: list[int] = []  # durations that the nodes under way still have before them
         self._held = 0
+        self.replayed = 0.0  # control steps that lead to the nodes tried, once for each try: nothing is restored on a robot
 
     def _begin(self, nodes: list[Node]) -> None:
         count = len(self.search.choices.latent)
         self._parents = [node for node in nodes for _ in range(count)]
         self._choice: Array = np.tile(np.arange(count), len(nodes))
         self._rows = np.stack([node.row for node in self._parents])
-        self._path: Array = np.empty((len(self._parents), 0, *self.search.best.points.shape))
-        self._failed: Array = np.zeros(len(self._parents), dtype=bool)
+        robots, *landmarks = self.search.best.points.shape
+        self._path: Array = np.empty((len(self._parents), robots, 0, *landmarks))
+        self._failed: Array = np.zeros((len(self._parents), robots), dtype=bool)
         self._left, self._held = list(self._durations), 0
+        self.replayed += sum(node.cost for node in self._parents)
 
     @property
     def finished(self) -> bool:
@@ -214,7 +240,7 @@ class Expansions:
     @property
     def done(self) -> tuple[int, int, str]:
         """See `Planner`."""
-        met = f"{self.search.best.due} of {len(self.search.waypoints)} waypoints met"
+        met = f"{int(self.search.best.due.min())} of {len(self.search.waypoints)} waypoints met"
         return self.search.expanded, self.search.settings.budget, met
 
     def plan(self) -> list[Segment]:
@@ -229,7 +255,7 @@ class Expansions:
 
     def tell(self, outcome: Outcome) -> None:
         """See `Planner`."""
-        self._path = np.concatenate([self._path[:, :-1] if self._held else self._path, outcome.path], axis=1)
+        self._path = np.concatenate([self._path[:, :, :-1] if self._held else self._path, outcome.path], axis=2)
         self._failed |= outcome.failed
         self._rows, self._held = outcome.rows, self._left.pop(0)
         so_far = Outcome(self._path, self._failed, self._rows)

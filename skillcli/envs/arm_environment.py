@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 
 import mujoco
 import numpy as np
 
 from skillcli.envs.arms import Arms
-from skillcli.envs.environment import Array, Step
+from skillcli.envs.environment import Array, Sighting, Step
 from skillcli.recipe import ArmTask
+
+
+REMEMBERED = 3  # control steps of which commands are kept for a look: as far back as an actuator may be delayed
 
 
 class ArmEnvironment:
     """N Sawyer arms; a task says what is seen beside the joints, what is judged, what earns reward and what has failed.
 
-    Observation (10): seven joint angles, rad, and one position, m. Action (7): joint increments in units of the action
-    limit.
+    Observation (10): seven joint angles, rad, and one position, m; where the task says so, seven more: how far the
+    commanded joint target leads the measured joints, rad, which tells commands that are delayed or not yet obeyed. Action
+    (7): joint increments in units of the action limit.
 
     Args:
         task: start, clock and limits.
@@ -26,7 +31,6 @@ class ArmEnvironment:
         threads: of the engine, 0 for all cores; results do not depend on it.
     """
 
-    observation_size = 10
     action_size = 7
     privileged_size = 0
     failure_reward = 0.0  # of the step that fails
@@ -34,6 +38,7 @@ class ArmEnvironment:
     def __init__(self, task: ArmTask, spec: mujoco.MjSpec, goals: Array, num: int, threads: int) -> None:
         self.num, self.horizon, self.tolerance = num, task.horizon, task.tolerance
         self.control_period = task.control_period
+        self.observation_size = 17 if task.observe_command else 10
         substeps = round(task.control_period / task.timestep)
         self.arms = Arms(spec.compile(), num, substeps, task.action_limit, threads)
         self.goals = goals
@@ -42,6 +47,7 @@ class ArmEnvironment:
         self._start = np.array(task.start)
         self._start_offset = np.zeros((num, 7))  # rad
         self._elapsed = np.zeros(num, dtype=np.int64)
+        self._past: deque[tuple[Array, Array]] = deque(maxlen=REMEMBERED)  # measured joints and commanded targets, rad
         self._noise: dict[str, Array] | None = None  # of the sensors, (N, 1) each
         self._sensors = np.random.default_rng(0)
         self.reset(np.arange(num), np.zeros(num, dtype=np.int64))
@@ -76,7 +82,9 @@ class ArmEnvironment:
 
     def reset(self, ids: Array, skill: Array) -> None:
         """See `Environment`."""
+        self._past.clear()
         self._place(ids)
+        self._measured = self.arms.joint_position
         self._begin_clock(ids, skill)
 
     def begin(self, ids: Array, rows: Array, skill: Array) -> None:
@@ -93,12 +101,15 @@ class ArmEnvironment:
 
     def observe(self) -> Array:
         """See `Environment`."""
-        observation = np.empty((self.num, 10), dtype=np.float32)
+        observation = np.empty((self.num, self.observation_size), dtype=np.float32)
         observation[:, :7] = self.arms.joint_position
-        observation[:, 7:] = self.position()
+        observation[:, 7:10] = self.position()
         if self._noise is not None:
             observation[:, :7] += self._noise["joint"] * self._sensors.standard_normal((self.num, 7))
-            observation[:, 7:] += self._noise["position"] * self._sensors.standard_normal((self.num, 3))
+            observation[:, 7:10] += self._noise["position"] * self._sensors.standard_normal((self.num, 3))
+        self._measured, self._last_position = observation[:, :7], observation[:, 7:10]
+        if self.observation_size > 10:
+            observation[:, 10:] = self.arms.commanded - observation[:, :7]
         return observation
 
     def perturb(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
@@ -111,13 +122,42 @@ class ArmEnvironment:
 
     def step(self, action: Array) -> Step:
         """See `Environment`."""
+        before = self.arms.commanded.copy()
         self.applied = self.arms.move(self.arms.action_limit * action)
+        self._past.append((self._measured, before))
         self._elapsed += 1
         failed = self.failed()
         if failed.any():  # a failed episode ends in a clear state, at the start, and never in NaN
             self._place(np.flatnonzero(failed))
         reward = np.where(failed, self.failure_reward, self.reward())
         return Step(self.observe(), reward, failed, self._elapsed >= self.horizon)
+
+    def look(self) -> Sighting:
+        """See `Environment`: joints and their velocities, the targets commanded of late, and the pose of the object."""
+        steps = min(2, len(self._past))  # over one step the noise of the sensors would drown the velocity
+        velocity = np.zeros((self.num, 7))
+        if steps:
+            velocity[:] = (self._measured - self._past[-steps][0]) / (steps * self.control_period)
+        commands = [command for _, command in self._past]
+        commands = [commands[0] if commands else self.arms.commanded] * (REMEMBERED - len(commands)) + commands
+        object_pose = self.object_seen()
+        parts = (self._measured, velocity, *commands, self.arms.commanded, *(() if object_pose is None else (object_pose,)))
+        return Sighting(np.concatenate(parts, axis=1), self.judged_seen(object_pose))
+
+    def object_seen(self) -> Array | None:
+        """Pose of the object as a camera shows it, (N, 7), None without one."""
+        return None
+
+    def judged_seen(self, object_pose: Array | None) -> Array:
+        """Where the judged point seems to be, (N, 3) m."""
+        return self._last_position.astype(float)
+
+    def imagine(self, ids: Array, state: Array) -> None:
+        """See `Environment`."""
+        joints, velocity, rest = state[:, :7], state[:, 7:14], state[:, 14:]
+        commands = rest[:, : 7 * (REMEMBERED + 1)].reshape(len(ids), REMEMBERED + 1, 7)
+        pose = rest[:, 7 * (REMEMBERED + 1) :]
+        self.arms.assume(ids, joints, velocity, commands, pose if pose.shape[1] else None)
 
     def save(self, ids: Array) -> Array:
         """See `Environment`."""

@@ -44,16 +44,16 @@ class Arms:
         self.batch = Batch(model, num, threads, persistent=True)
         joints = [model.joint(name) for name in JOINTS]
         self._qpos_address = np.array([joint.qposadr[0] for joint in joints])
+        self._dof_address = np.array([joint.dofadr[0] for joint in joints])
         limits = np.array([joint.range for joint in joints])
         self._low, self._high = limits[:, 0] + LIMIT_MARGIN, limits[:, 1] - LIMIT_MARGIN
-        self._qpos, self._ctrl = self.batch.bind("qpos"), self.batch.bind("ctrl")
+        self._qpos, self._qvel, self._ctrl = (self.batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
         self._site = self.batch.bind("site_xpos")[:, model.site("gripper").id]
         self._has_object = any(model.joint(j).name == OBJECT for j in range(model.njnt))
         if self._has_object:
             joint = model.joint(OBJECT)
             self._object_qpos = slice(joint.qposadr[0], joint.qposadr[0] + 7)
             self._object_qvel = slice(joint.dofadr[0], joint.dofadr[0] + 6)
-            self._qvel = self.batch.bind("qvel")
         self._default_row = self.batch.state[0].copy()
         self._perturbed: set[str] = set()  # model fields that differ between simulations
         self._history = self.batch.bind("history") if model.nhistory else None
@@ -63,6 +63,12 @@ class Arms:
         """Measured joint angles, (N, 7) rad."""
         arm: Array = self._qpos[:, self._qpos_address]
         return arm
+
+    @property
+    def commanded(self) -> Array:
+        """Commanded joint targets, delayed ones too, (N, 7) rad; a live view."""
+        target: Array = self._ctrl
+        return target
 
     @property
     def gripper_position(self) -> Array:
@@ -88,15 +94,33 @@ class Arms:
         The object, where there is one, is put at poses (n, 7) m and w x y z, at rest.
         """
         q = np.clip(joint_position, self._low, self._high)
+        self.assume(ids, q, np.zeros_like(q), q[:, None], object_pose)
+
+    def assume(
+        self, ids: Array, joint_position: Array, joint_velocity: Array, commands: Array, object_pose: Array | None = None
+    ) -> None:
+        """Put arms into a state of motion; the object, where there is one, rests.
+
+        Args:
+            ids: (n,) simulations.
+            joint_position: (n, 7) rad.
+            joint_velocity: (n, 7) rad/s.
+            commands: (n, c, 7) rad, the commanded targets of the last control steps, the present one last; before them, the
+                first of them held.
+            object_pose: (n, 7) m and w x y z.
+        """
         self.batch.state[ids] = self._default_row
-        self._qpos[np.ix_(ids, self._qpos_address)] = q
+        self._qpos[np.ix_(ids, self._qpos_address)] = joint_position
+        self._qvel[np.ix_(ids, self._dof_address)] = joint_velocity
         if object_pose is not None:
             self._qpos[ids, self._object_qpos] = object_pose
-        self._ctrl[ids] = q
+        self._ctrl[ids] = commands[:, -1]
         if self._history is not None:  # else the servos would first obey a history of zeros
             blocks = self._history.reshape(self.num, len(JOINTS), -1)  # per servo: two counters, n times, n values
             samples = (blocks.shape[2] - 2) // 2
-            blocks[ids, :, 2 + samples :] = q[..., None]
+            steps_ago = np.arange(samples - 1, -1, -1) // self.substeps
+            kept = commands[:, np.maximum(commands.shape[1] - 1 - steps_ago, 0)]  # (n, samples, 7)
+            blocks[ids, :, 2 + samples :] = kept.transpose(0, 2, 1)
         self.batch.forward(np.sort(ids), stage=_NEW_STATE)
 
     def move(self, increment: Array) -> Array:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from skillcli.trajectories import Array
 
-__all__ = ["Array", "Environment", "Step"]
+__all__ = ["Array", "Environment", "Sighting", "Step"]
 
 
 class Step(NamedTuple):
@@ -20,6 +20,13 @@ class Step(NamedTuple):
     reward: NDArray[Any]  # (N,) the task's own reward
     terminated: NDArray[Any]  # (N,) bool: failed for good, an unstable simulation say
     truncated: NDArray[Any]  # (N,) bool: out of time
+
+
+class Sighting(NamedTuple):
+    """What the sensors of N simulations tell of their state."""
+
+    state: NDArray[Any]  # (N, v), opaque: `Environment.imagine` understands it
+    judged: NDArray[Any]  # (N, 3) m, where the judged point seems to be
 
 
 class Environment(Protocol):
@@ -62,6 +69,12 @@ class Environment(Protocol):
 
     def restore(self, ids: Array, rows: Array) -> None:
         """Put saved states into these slots."""
+
+    def look(self) -> Sighting:
+        """The state as the sensors show it now, noise and all, behind the last observation."""
+
+    def imagine(self, ids: Array, state: Array) -> None:
+        """Put simulations (n,) into the state that sightings (n, v) suggest, those of another robot perhaps."""
 
     def perturb(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
         """Turn every simulation into a robot of its own, before a reset; see `skillcli.perturbation.PARAMETERS`.

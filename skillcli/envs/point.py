@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from skillcli.envs.environment import Array, Step
+from skillcli.envs.environment import Array, Sighting, Step
 from skillcli.recipe import PointTask
 
 
@@ -47,10 +47,10 @@ class PointEnvironment:
 
     def observe(self) -> Array:
         """See `Environment`."""
-        if self._noise is None:
-            return self._position.astype(np.float32)
-        noisy = self._position + self._noise * self._rng.standard_normal((self.num, 2))
-        return noisy.astype(np.float32)
+        self._seen = self._position.astype(np.float32)
+        if self._noise is not None:
+            self._seen += (self._noise * self._rng.standard_normal((self.num, 2))).astype(np.float32)
+        return self._seen
 
     def privileged(self) -> Array:
         """See `Environment`."""
@@ -70,6 +70,14 @@ class PointEnvironment:
         self._elapsed += 1
         reward = -np.linalg.norm(self._position - self.target[:, :2], axis=1)
         return Step(self.observe(), reward, np.zeros(self.num, dtype=bool), self._elapsed >= self.horizon)
+
+    def look(self) -> Sighting:
+        """See `Environment`."""
+        return Sighting(self._seen.astype(float), np.concatenate([self._seen, np.zeros((self.num, 1))], axis=1))
+
+    def imagine(self, ids: Array, state: Array) -> None:
+        """See `Environment`."""
+        self.restore(ids, np.clip(state, -self._bound, self._bound))
 
     def judged(self) -> Array:
         """See `Environment`."""

@@ -164,6 +164,31 @@ class PushEnvironment(ArmEnvironment):
         friction, mass = parameters.get("contact_friction", one), parameters.get("object_mass", one)
         self._robot = np.stack([friction, mass, gain, parameters.get("latency", zero) / self.control_period], axis=1)
 
+    def object_seen(self) -> Array:
+        """See `ArmEnvironment`; a camera errs in the angle about as far as in the place of an edge."""
+        pose = self.arms.object_pose.copy()
+        if self._noise is not None:
+            noise = self._noise["position"]
+            pose[:, :2] += noise * self._sensors.standard_normal((self.num, 2))
+            half = noise[:, 0] / self._half[:2].mean() * self._sensors.standard_normal(self.num) / 2
+            w, x, y, z = pose[:, 3:].T.copy()
+            cosine, sine = np.cos(half), np.sin(half)  # a turn about the vertical, then the pose
+            pose[:, 3:] = np.stack([cosine * w - sine * z, cosine * x - sine * y, cosine * y + sine * x, cosine * z + sine * w], 1)
+        return pose
+
+    def judged_seen(self, object_pose: Array | None) -> Array:
+        """See `ArmEnvironment`."""
+        assert object_pose is not None
+        point = object_pose[:, :3].copy()
+        point[:, 2] = 0.0
+        return point
+
+    def imagine(self, ids: Array, state: Array) -> None:
+        """See `Environment`; the box lies on this robot's own table, however high the other one is."""
+        lying = state.copy()
+        lying[:, -5] = sawyer.TABLE_TOP + self._table_height[ids] + self._half[2]
+        super().imagine(ids, lying)
+
     def snapshot(self) -> dict[str, Array]:
         """See `Environment`."""
         return {**super().snapshot(), "object_pose": self.arms.object_pose.copy()}

@@ -11,6 +11,7 @@ from skillcli import metrics
 from skillcli.trajectories import Array, Trajectories
 
 Act = Callable[[Array, Array], Array]  # observations (N, o) and latents (N, d) to actions (N, a)
+Feed = Callable[[int, Array], tuple[Array, Array, Array] | None]
 
 
 class RecordedEnvironment(Protocol):
@@ -49,25 +50,44 @@ def play(
         the observations (N, T+1, o).
     """
     num, last = skill.shape
-    moments, actions, rewards = [env.snapshot()], [], []
+    length = np.full(num, last) if steps is None else steps
+    return conduct(env, act, lambda t, failed: (latent[:, t], skill[:, t], t < length), last)
+
+
+def conduct(env: RecordedEnvironment, act: Act, feed: Feed, steps: int) -> tuple[Trajectories, Array]:
+    """Like `play`, but what is fed next may depend on what has happened.
+
+    Args:
+        env: N simulations, already placed.
+        act: the frozen policy.
+        feed: before each control step, from its number and which simulations have failed, (N,) bool, to latents (N, d), the
+            skills (N,) whose means they are, and which episodes still run, (N,) bool; None ends all of them.
+        steps: at most.
+    """
+    num = env.num
+    moments, actions, rewards, fed = [env.snapshot()], [], [], []
     observations = [env.observe()]
-    length = np.full(num, last) if steps is None else steps.copy()
-    failed = np.zeros(num, dtype=bool)
-    for t in range(last):
-        running = t < length
-        step = env.step(act(observations[-1], latent[:, t]))
+    length, failed = np.zeros(num, dtype=int), np.zeros(num, dtype=bool)
+    for t in range(steps):
+        given = feed(t, failed)
+        if given is None:
+            break
+        latent, skill, running = given
+        running = running & ~failed
+        step = env.step(act(observations[-1], latent))
+        fed.append((latent, skill))
         observations.append(step.observation)
         rewards.append(np.where(running, step.reward, 0.0))
         actions.append(np.where(running[:, None], env.applied, 0.0))
         failing = running & step.terminated
-        length[failing] = t + 1
+        length[running] = t + 1
         failed |= failing
         moments.append(_frozen(env.snapshot(), moments[-1], ~running | failing))
     state = {name: np.stack([moment[name] for moment in moments], axis=1) for name in moments[0]}
     recording = Trajectories(
-        time=np.arange(last + 1) * env.control_period,
-        latent=latent.astype(np.float32),
-        skill=skill.astype(np.int32),
+        time=np.arange(len(moments)) * env.control_period,
+        latent=np.stack([latent for latent, _ in fed], axis=1).astype(np.float32),
+        skill=np.stack([skill for _, skill in fed], axis=1).astype(np.int32),
         action=np.stack(actions, axis=1).astype(np.float32),
         reward=np.stack(rewards, axis=1).astype(np.float32),
         target=env.target.copy(),
@@ -99,8 +119,12 @@ def play_waypoints(
     """
     env.target[:] = [route[-1] for route in waypoints]
     recording, _ = play(env, act, latent, skill, steps)
-    met = [
-        bool((metrics.ordered_approach(path, route, env.tolerance) <= env.tolerance).all())
+    return recording.judged_by(recording.success & met(recording, waypoints, env.tolerance))
+
+
+def met(recording: Trajectories, waypoints: Sequence[Array], tolerance: float) -> Array:
+    """Which episodes approach their waypoints (W, 3) m in order within the tolerance, (E,) bool."""
+    return np.array([
+        bool((metrics.ordered_approach(path, route, tolerance) <= tolerance).all())
         for path, route in zip(recording.judged, waypoints, strict=True)
-    ]
-    return recording.judged_by(recording.success & np.array(met))
+    ])  # fmt: skip

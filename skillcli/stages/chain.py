@@ -45,7 +45,7 @@ def run_chain(store: Store, recipe: Recipe, seed: int, name: str, command: str, 
     yield Link(plan, found is not None)
 
     domains, episodes = recipe.transfer.domains, recipe.transfer.episodes
-    found = store.find("transfer-eval", transferring.inputs_of(plan, domains, episodes, seed), name)
+    found = store.find("transfer-eval", transferring.inputs_of(plan, recipe, domains, episodes, seed), name)
     transfer = (
         store.read(found)
         if found

@@ -10,7 +10,7 @@ import numpy as np
 from skillcli import metrics
 from skillcli.composition.interpolation import Calibration, all_pairs
 from skillcli.composition.plan import Segment, schedule
-from skillcli.envs.tasks import make, model_fingerprint
+from skillcli.envs.tasks import model_fingerprint
 from skillcli.errors import UsageError
 from skillcli.learning.playback import play_waypoints
 from skillcli.recipe import Recipe
@@ -19,17 +19,35 @@ from skillcli.stages.planning import METHODS, Leg, Planned
 from skillcli.stages.pretrain import play_held
 from skillcli.stages.progress import Progress, Report, silent
 from skillcli.stages.request import Request
+from skillcli.stages.robots import Robots
 from skillcli.store import Artifact, ArtifactId, Draft, Store
 from skillcli.trajectories import Array, Trajectories
 
 __all__ = ["METHODS", "Request", "compose", "execute", "inputs_of"]
 
 RANDOM = ("ddpg", "ppo", "mpc")  # methods whose plan depends on a seed
+ON_SEVERAL = ("search", "mpc")  # methods that can score a latent on several robots at once
+ON_TARGET = ("search", "mpc", "ddpg", "ppo")  # methods that can plan on the target itself
 
 
-def inputs_of(source: Artifact, recipe: Recipe, request: Request, method: str, seed: int = 0) -> str:
+def robots_for(recipe: Recipe, method: str, on: str, seed: int) -> Robots:
+    """The robots that a method tries latents on.
+
+    Raises:
+        UsageError: the domain is unknown, or the method does not try anything.
+    """
+    if on and method not in ON_TARGET:
+        raise UsageError(f"--method {method} tries nothing, on no domain", f"--on goes with {', '.join(ON_TARGET)}")
+    settings = recipe.compose if method in ON_SEVERAL else recipe.compose.model_copy(update={"ensemble": 0})
+    return Robots.of(settings, on, seed)
+
+
+def inputs_of(source: Artifact, recipe: Recipe, request: Request, method: str, seed: int = 0, on: str = "") -> str:
     """Fingerprint of everything that the result depends on."""
-    parts = [source.content_sha256, method, recipe.fingerprint([method]), request.task, request.waypoints, request.route]
+    parts: list[Any] = [source.content_sha256, method, recipe.fingerprint([method]), request.task, request.waypoints, request.route]
+    robots = robots_for(recipe, method, on, seed)
+    if robots.parameters or on:
+        parts += [seed, on, {name: values.tolist() for name, values in robots.parameters.items()}]
     return fingerprint("compose", [*parts, seed] if method in RANDOM else parts)
 
 
@@ -53,8 +71,9 @@ def compose(
     name: str | None = None,
     report: Report = silent,
     seed: int = 0,
+    on: str = "",
 ) -> Artifact:
-    """Plan latents that meet the waypoints, execute the plan in the source, and write a compose artifact.
+    """Plan latents that meet the waypoints, execute the plan where it was planned, and write a compose artifact.
 
     Args:
         store: where from and to.
@@ -65,7 +84,8 @@ def compose(
         command: as typed, for the record.
         name: first part of the new id; by default that of the source.
         report: told where the planning stands.
-        seed: of methods that use chance.
+        seed: of methods that use chance, and of the robots that are drawn.
+        on: a domain, to plan on one robot drawn from it and to execute the plan there; empty for the simulation.
 
     Raises:
         UsageError: the method is unknown, or the recipe asks for other skills than the source holds.
@@ -73,6 +93,7 @@ def compose(
         StoreError: the source cannot be read, or the store refuses.
     """
     check_method(method)
+    robots = robots_for(recipe, method, on, seed)
     store.check_writable(name or source_id.name)
     source = store.read(source_id)
     library = open_library(store, source)
@@ -84,14 +105,15 @@ def compose(
     started = time.perf_counter()
     by_hand = request.entries or ((),) * len(request.routes)
     legs = [
-        Leg(library, recipe, waypoints, entries, seed, _within(report, done, len(request.routes)))
+        Leg(library, recipe, waypoints, entries, seed, _within(report, done, len(request.routes)), robots)
         for done, (waypoints, entries) in enumerate(zip(request.routes, by_hand, strict=True))
     ]
     planned = [METHODS[method](leg) for leg in legs]
     calibration = calibrate(library, recipe) if method == "interpolate" else None
     planning_seconds = time.perf_counter() - started
     plans = [found.segments for found in planned]
-    recordings = [execute(library, plan, waypoints) for plan, waypoints in zip(plans, request.routes, strict=True)]
+    judge = robots if on else Robots()
+    recordings = [execute(library, plan, waypoints, judge) for plan, waypoints in zip(plans, request.routes, strict=True)]
     recording = Trajectories.join(recordings)
     tolerance = recipe.task.tolerance
     closest = [
@@ -102,13 +124,14 @@ def compose(
         Draft(
             kind="compose",
             name=name or source_id.name,
-            seed=seed if method in RANDOM else source.seed,
+            seed=seed if method in RANDOM or robots.parameters else source.seed,
             command=command,
             recipe=recipe.model_dump(mode="json"),
             arrays={
                 **_plan_arrays(plans, recipe.task.control_period),
                 **_composer_arrays(planned),
                 **({} if calibration is None else calibration.arrays()),
+                **{f"robots/{parameter}": values for parameter, values in robots.parameters.items()},
                 "waypoints/target": request.waypoints,
                 "waypoints/closest": np.concatenate(closest),
                 "waypoints/route": request.route,
@@ -116,12 +139,14 @@ def compose(
             },
             results={
                 **_results(recipe, request, method, planned, recording, np.concatenate(closest)),
+                "on": on,
+                "robots": robots.count,
                 **({} if calibration is None else _calibrated(library, calibration, planned)),
             },
             measured={"planning_seconds": planning_seconds},
             parents=[source_id],
             model_sha256=model_fingerprint(recipe.task),
-            inputs_sha256=inputs_of(source, recipe, request, method, seed),
+            inputs_sha256=inputs_of(source, recipe, request, method, seed, on),
         )
     )
 
@@ -137,10 +162,9 @@ def _within(report: Report, done: int, total: int) -> Report:
     return told
 
 
-def execute(library: Library, plan: list[Segment], waypoints: Array) -> Trajectories:
-    """Run a plan from the start in one nominal simulation."""
-    env = make(library.recipe.task, 1)
-    env.reset(np.array([0]), np.array([0]))
+def execute(library: Library, plan: list[Segment], waypoints: Array, robots: Robots) -> Trajectories:
+    """Run a plan from the start on the first of these robots."""
+    env = Robots(robots.parameters, 1, robots.seed).simulations(library.recipe.task, 1)
     latent, skill = schedule(plan)
     return play_waypoints(env, library.agent.act, latent[None], skill[None], [waypoints])
 
@@ -206,6 +230,7 @@ def _results(
         "routes": len(plans),
         "expanded_nodes": sum(found.expanded_nodes for found in planned),
         "simulated_robot_seconds": sum(found.simulated_robot_seconds for found in planned),
+        "robot_seconds_with_returns": sum(found.with_returns for found in planned),
         "plan_seconds": sum(segment.steps for plan in plans for segment in plan) * period,
         "segments": [
             {

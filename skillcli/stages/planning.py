@@ -16,7 +16,7 @@ from skillcli.composition.planner import run
 from skillcli.composition.route import Route
 from skillcli.composition.search import Expansions, Settings, UniformCostSearch
 from skillcli.composition.sequence import Entry
-from skillcli.envs.tasks import MAX_SIMULATIONS, make, standoff
+from skillcli.envs.tasks import MAX_SIMULATIONS, standoff
 from skillcli.errors import SkillError
 from skillcli.learning.ddpg import DdpgComposer
 from skillcli.learning.ppo import PpoComposer
@@ -25,6 +25,7 @@ from skillcli.recipe import Recipe
 from skillcli.seeding import generator
 from skillcli.stages.library import Library
 from skillcli.stages.progress import Progress, Report
+from skillcli.stages.robots import Robots
 from skillcli.trajectories import Array
 
 
@@ -35,8 +36,14 @@ class Planned:
     segments: list[Segment]
     expanded_nodes: int  # states whose continuations were tried; for methods that draw latents, latents tried
     simulated_robot_seconds: float
+    replayed_seconds: float = 0.0  # that a robot would spend on top, to get back to the states that latents were tried from
     weights: dict[str, Array] = field(default_factory=dict)  # of a learned composer
     curves: dict[str, Array] = field(default_factory=dict)
+
+    @property
+    def with_returns(self) -> float:
+        """Robot time where states cannot be restored, s: every try begins at the start. The way there is not counted."""
+        return self.simulated_robot_seconds + self.replayed_seconds
 
 
 @dataclass(frozen=True)
@@ -49,6 +56,7 @@ class Leg:
     entries: tuple[Entry, ...]  # of a plan that is written by hand, else none
     seed: int
     report: Report
+    robots: Robots  # that latents are tried on
 
     @property
     def period(self) -> float:
@@ -64,17 +72,21 @@ class Leg:
     @property
     def route(self) -> Route:
         """Where to go."""
-        return Route(self.waypoints, self.recipe.task.tolerance, standoff(self.recipe.task))
+        return self.towards(self.waypoints)
+
+    def towards(self, waypoints: Array) -> Route:
+        """The way through these waypoints (W, 3) m."""
+        return Route(waypoints, self.recipe.task.tolerance, standoff(self.recipe.task))
 
     def steps(self, seconds: float) -> int:
         """A duration in control steps, at least one."""
         return max(1, round(seconds / self.period))
 
-    def world(self, simulations: int) -> LatentEnvironment:
-        """Simulations of the nominal robot at the start."""
-        env = make(self.recipe.task, min(MAX_SIMULATIONS, simulations))
-        env.reset(np.arange(env.num), np.zeros(env.num, dtype=np.int64))
-        return LatentEnvironment(env, self.library.agent.act)
+    def world(self, slots: int) -> LatentEnvironment:
+        """Room for this many latents to be held at once, at the start, unless memory bounds it."""
+        count = self.robots.count
+        env = self.robots.simulations(self.recipe.task, min(max(1, MAX_SIMULATIONS // count), slots))
+        return LatentEnvironment(env, self.library.agent.act, count)
 
     def tell(self, unit: str) -> Callable[[int, int, str], None]:
         """What a planner tells, as progress of the stage."""
@@ -93,15 +105,20 @@ def by_hand(leg: Leg) -> Planned:
     return Planned([entry.segment(leg.library.mean, leg.period) for entry in leg.entries], 0, 0.0)
 
 
-def by_search(leg: Leg) -> Planned:
-    """Uniform cost search and its informed relatives."""
+def choices_of(leg: Leg) -> Choices:
+    """The latents that a search tries."""
     settings = leg.recipe.search
     grid = latent_grid(leg.box[0], leg.box[1], settings.grid) if settings.grid else None
-    choices = Choices.of(leg.library.mean, leg.library.names, settings.interpolated, grid)
-    world = leg.world(settings.batch * len(choices.latent))
-    search = UniformCostSearch(
-        *world.start(),
-        leg.waypoints,
+    return Choices.of(leg.library.mean, leg.library.names, settings.interpolated, grid)
+
+
+def search_from(leg: Leg, row: Array, points: Array, waypoints: Array, choices: Choices, budget: int) -> UniformCostSearch:
+    """A search from a state (S,) with landmarks (M, L, 3) m to waypoints (W, 3) m."""
+    settings = leg.recipe.search
+    return UniformCostSearch(
+        row,
+        points,
+        waypoints,
         choices,
         Settings(
             durations=tuple(sorted({leg.steps(seconds) for seconds in settings.segments})),
@@ -113,27 +130,45 @@ def by_search(leg: Leg) -> Planned:
             approach_speed=settings.approach_speed if standoff(leg.recipe.task) else 0.0,
             standoff=standoff(leg.recipe.task),
             final_speed=settings.final_speed or float("inf"),
-            budget=settings.budget,
+            budget=budget,
         ),
     )
+
+
+def by_search(leg: Leg) -> Planned:
+    """Uniform cost search and its informed relatives."""
+    settings, choices = leg.recipe.search, choices_of(leg)
+    world = leg.world(settings.batch * len(choices.latent))
+    search = search_from(leg, *world.start(), leg.waypoints, choices, settings.budget)
     planner = Expansions(search, settings.batch)
     run(planner, world, leg.tell("nodes"))
     plan = planner.plan()
     if not plan:  # already there, or nowhere to go: hold the first skill for the shortest time
         plan = [Segment(choices.latent[0], 0, choices.label[0], search.settings.durations[0])]
-    return Planned(plan, search.expanded, world.control_steps * leg.period)
+    spent, replayed = world.control_steps * leg.period, planner.replayed * leg.robots.count * leg.period
+    return Planned(plan, search.expanded, spent, replayed)
+
+
+def mpc_from(
+    leg: Leg, row: Array, points: Array, waypoints: Array, longest: int, rng: np.random.Generator
+) -> ModelPredictiveControl:
+    """Model predictive control from a state (S,) with landmarks (M, L, 3) m to waypoints, for some segments at most."""
+    settings, steps = leg.recipe.mpc, leg.steps(leg.recipe.mpc.segment)
+    route, mean = leg.towards(waypoints), leg.library.mean
+    return ModelPredictiveControl(row, points, route, mean, leg.box, settings, steps, longest, rng)
 
 
 def by_mpc(leg: Leg) -> Planned:
     """Model predictive control over latents."""
-    settings = leg.recipe.mpc
-    steps, world = leg.steps(settings.segment), leg.world(settings.samples)
-    longest = max(1, round(settings.seconds * len(leg.waypoints) / (steps * leg.period)))
-    rng = generator(leg.seed, "mpc")
-    planner = ModelPredictiveControl(*world.start(), leg.route, leg.library.mean, leg.box, settings, steps, longest, rng)
+    settings, world = leg.recipe.mpc, leg.world(leg.recipe.mpc.samples)
+    longest = max(1, round(settings.seconds * len(leg.waypoints) / (leg.steps(settings.segment) * leg.period)))
+    planner = mpc_from(leg, *world.start(), leg.waypoints, longest, generator(leg.seed, "mpc"))
     run(planner, world, leg.tell("segments"))
     plan = planner.plan() or [Segment(leg.library.mean[0], 0, leg.library.names[0], 1)]  # already there
-    return Planned(plan, world.held, world.control_steps * leg.period)
+    spent = world.control_steps * leg.period
+    # every sequence of a segment, in every round, begins where the plan stood then
+    before = np.cumsum([0, *(segment.steps for segment in plan[:-1])]).sum() * settings.samples * settings.rounds
+    return Planned(plan, world.held, spent, float(before) * leg.robots.count * leg.period)
 
 
 def by_ddpg(leg: Leg) -> Planned:
@@ -154,7 +189,7 @@ def by_ppo(leg: Leg) -> Planned:
 def _learned(leg: Leg, settings: EpisodeSettings, composer: Callable[[int], Composer]) -> Planned:
     steps, world = leg.steps(settings.segment), leg.world(settings.simulations)
     row, points = world.start()
-    observation = world.observe(row)
+    points, observation = points[0], world.observe(row)[0]
     planner = Episodes(
         row, points, observation, leg.route,
         composer(observation.size + points.size),
@@ -167,7 +202,8 @@ def _learned(leg: Leg, settings: EpisodeSettings, composer: Callable[[int], Comp
     if not planner.plan():
         raise SkillError("every episode failed that the composer played without exploring", "try another --seed")
     curves = {name: np.array(values) for name, values in planner.curves.items()}
-    return Planned(planner.plan(), world.held, world.control_steps * leg.period, planner.weights, curves)
+    spent = world.control_steps * leg.period
+    return Planned(planner.plan(), world.held, spent, weights=planner.weights, curves=curves)
 
 
 METHODS: dict[str, Method] = {

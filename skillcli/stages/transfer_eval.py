@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,12 +11,16 @@ import numpy as np
 from skillcli import metrics
 from skillcli.envs.domains import Domain, find_domain
 from skillcli.envs.tasks import MAX_SIMULATIONS, make, model_fingerprint
+from skillcli.errors import UsageError
 from skillcli.learning.playback import play_waypoints
 from skillcli.perturbation import PARAMETERS, sample
 from skillcli.recipe import Recipe
 from skillcli.seeding import generator
 from skillcli.stages.library import Library, fingerprint, open_library
+from skillcli.stages.compose import robots_for
+from skillcli.stages.planning import Leg
 from skillcli.stages.progress import Progress, Report, silent
+from skillcli.stages.replanning import REPLANS, Replanner
 from skillcli.store import Artifact, ArtifactId, Draft, Store
 from skillcli.trajectories import Array, Trajectories
 
@@ -51,10 +55,11 @@ class Script:
         return Script(latents[turn], skills[turn], steps[turn], tuple(waypoints[index] for index in turn))
 
 
-def inputs_of(source: Artifact, domains: Sequence[str], episodes: int, seed: int) -> str:
+def inputs_of(source: Artifact, recipe: Recipe, domains: Sequence[str], episodes: int, seed: int) -> str:
     """Fingerprint of everything that the result depends on."""
     tables = [[name, str(sorted(find_domain(name).parameters.items()))] for name in domains]
-    return fingerprint("transfer-eval", [source.content_sha256, tables, episodes, seed])
+    replanned = recipe.fingerprint(["transfer", "compose", *REPLANS]) if recipe.transfer.replan else ""
+    return fingerprint("transfer-eval", [source.content_sha256, tables, episodes, seed, replanned])
 
 
 def transfer_eval(
@@ -73,7 +78,7 @@ def transfer_eval(
     Args:
         store: where from and to.
         source_id: a compose artifact, or embed-means or pretrain to judge the bare skills.
-        recipe: for the record.
+        recipe: whether and how to plan again on the way.
         domains: names of presets.
         episodes: per domain.
         seed: of the drawn parameters; the same episodes for every composition.
@@ -82,20 +87,25 @@ def transfer_eval(
         report: told where the evaluation stands.
 
     Raises:
-        UsageError: a domain is unknown.
+        UsageError: a domain is unknown, or the source holds no plan that could be made again.
         StoreError: the source cannot be read, or the store refuses.
     """
     targets = [find_domain(domain) for domain in domains]
     store.check_writable(name or source_id.name)
     source = store.read(source_id)
     library = open_library(store, source)
+    replanner = _replanner(library, recipe, source, seed) if recipe.transfer.replan else None
     # the source is deterministic: one episode of each route or skill says it all
     reference, _ = run_on(library, Script.of(source, library), find_domain("nominal"), seed)
     recordings: list[Trajectories] = []
     parameters: dict[str, Array] = {}
     for done, target in enumerate(targets):
         report(Progress("transfer-eval", done, len(targets), "domains", note=target.name))
-        recording, drawn = run_on(library, Script.of(source, library, episodes), target, seed)
+        script = Script.of(source, library, episodes)
+        if replanner is None:
+            recording, drawn = run_on(library, script, target, seed)
+        else:
+            recording, drawn = replan_on(library, script, target, seed, replanner, _within(report, target, done, len(targets)))
         recordings.append(recording)
         parameters |= {f"domains/{target.name}/{parameter}": values for parameter, values in drawn.items()}
     together = Trajectories.join(recordings)
@@ -113,13 +123,49 @@ def transfer_eval(
                 "episodes/return": together.reward.sum(axis=1),
                 **{f"trajectories/{field}": array for field, array in together.arrays().items()},
             },
-            results=_results(reference, targets, recordings),
-            measured={},
+            results={**_results(reference, targets, recordings), "replanned": replanner is not None},
+            measured={} if replanner is None else {"seconds_per_plan": replanner.effort.seconds / max(1, replanner.effort.plans)},
             parents=[source_id],
             model_sha256=model_fingerprint(recipe.task),
-            inputs_sha256=inputs_of(source, domains, episodes, seed),
+            inputs_sha256=inputs_of(source, recipe, domains, episodes, seed),
         )
     )
+
+
+def _replanner(library: Library, recipe: Recipe, source: Artifact, seed: int) -> Replanner:
+    if source.kind != "compose":
+        raise UsageError(
+            f"{source.id} holds no plan that could be made again on the way", "give a compose artifact, or leave --replan out"
+        )
+    robots = robots_for(recipe, source.results["method"], "", seed)
+    leg = Leg(library, recipe, np.zeros((0, 3)), (), seed, silent, robots)
+    return Replanner(leg, source.results["method"])
+
+
+def _within(report: Report, target: Domain, done: int, total: int) -> Callable[[int, int], None]:
+    return lambda episode, episodes: report(
+        Progress("transfer-eval", done, total, "domains", note=f"{target.name}, episode {episode} of {episodes}")
+    )
+
+
+def replan_on(
+    library: Library, script: Script, domain: Domain, seed: int, replanner: Replanner, told: Callable[[int, int], None]
+) -> tuple[Trajectories, dict[str, Array]]:
+    """Like `run_on`, on the same robots, but the script only says where to go and how long it takes in the source."""
+    task, episodes = library.recipe.task, len(script.latent)
+    drawn = sample(domain.parameters, episodes, generator(seed, f"domain {domain.name}"))
+    target = make(task, 1, delay="latency" in drawn)
+    patience = replanner.leg.recipe.transfer.patience
+    recordings = []
+    for episode, (waypoints, steps) in enumerate(zip(script.waypoints, script.steps, strict=True)):
+        told(episode, episodes)
+        if drawn:
+            one = {name: values[episode : episode + 1] for name, values in drawn.items()}
+            target.perturb(one, generator(seed, f"sensors {domain.name} {episode}"))
+        target.reset(np.array([0]), np.array([0]))
+        longest = max(task.horizon, round(patience * int(steps)))
+        recordings.append(replanner.episode(target, waypoints, longest, seed))
+    return Trajectories.join(recordings), drawn
 
 
 def run_on(library: Library, script: Script, domain: Domain, seed: int) -> tuple[Trajectories, dict[str, Array]]:

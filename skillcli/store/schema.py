@@ -99,6 +99,7 @@ KINDS: Mapping[str, Kind] = {
             "calibration/pair": Field("pair,member", required=False),
             "calibration/share": Field("share", required=False),
             "calibration/end": Field("pair,share,xyz", "m", required=False),
+            "robots/*": Field("robot,...", required=False),
             "composer/**": Field("...", required=False),
             "curves/**": Field("iteration", required=False),
             **TRAJECTORIES,

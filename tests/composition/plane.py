@@ -21,4 +21,4 @@ class Plane:
         path = rows[:, None] + np.arange(steps + 1)[None, :, None] * move[:, None]
         failed = np.zeros(len(rows), dtype=bool) if self.inside is None else ~self.inside(path).all(axis=1)
         self.proposals += len(rows)
-        return Outcome(path[:, :, None], failed, path[:, -1], path[:, -1, :2])
+        return Outcome(path[:, None, :, None], failed[:, None], path[:, -1], path[:, None, -1, :2])

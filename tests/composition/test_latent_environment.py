@@ -46,21 +46,34 @@ def test_any_number_of_states_is_held_in_any_number_of_slots(slots: int) -> None
     world = LatentEnvironment(Plane(slots), act)
     outcome = world.hold(rows, latent, 4)
     path = rows[:, None] + np.arange(5)[None, :, None] * latent[:, None]
-    np.testing.assert_allclose(outcome.path, np.stack([path, -path], axis=2))
+    np.testing.assert_allclose(outcome.path, np.stack([path, -path], axis=2)[:, None])
     np.testing.assert_allclose(outcome.rows, path[:, -1])
     assert not outcome.failed.any() and world.control_steps == 7 * 4
 
 
+@pytest.mark.parametrize("slots", [1, 2, 5])
+def test_several_robots_side_by_side_are_each_held_on_its_own(slots: int) -> None:
+    rng = np.random.default_rng(0)
+    rows, latent = rng.normal(size=(5, 2 * 3)), rng.normal(size=(5, 3))
+    world = LatentEnvironment(Plane(2 * slots), act, robots=2)
+    outcome = world.hold(rows, latent, 4)
+    for robot in range(2):
+        alone = LatentEnvironment(Plane(5), act).hold(rows[:, 3 * robot : 3 * robot + 3], latent, 4)
+        np.testing.assert_allclose(outcome.path[:, robot], alone.path[:, 0])
+        np.testing.assert_allclose(outcome.rows[:, 3 * robot : 3 * robot + 3], alone.rows)
+    assert world.slots == slots and world.control_steps == 5 * 2 * 4 and world.held == 5
+
+
 def test_a_failure_on_the_way_is_kept_even_if_it_passes() -> None:
     rows, latent = np.array([[9.5, 0, 0], [0, 0, 0]]), np.array([[1.0, 0, 0], [1, 0, 0]])
-    assert LatentEnvironment(Plane(2), act).hold(rows, latent, 3).failed.tolist() == [True, False]
+    assert LatentEnvironment(Plane(2), act).hold(rows, latent, 3).failed.tolist() == [[True], [False]]
 
 
 def test_the_start_is_where_the_first_slot_stands() -> None:
     plane = Plane(2)
     plane.position[0] = [1, 2, 3]
     row, points = LatentEnvironment(plane, act).start()
-    assert row.tolist() == [1, 2, 3] and points.tolist() == [[1, 2, 3], [-1, -2, -3]]
+    assert row.tolist() == [1, 2, 3] and points.tolist() == [[[1, 2, 3], [-1, -2, -3]]]
 
 
 @pytest.mark.parametrize("task", [ReachTask(), PushTask()])
@@ -74,5 +87,5 @@ def test_holding_on_the_arm_equals_stepping_it_directly(task: ReachTask | PushTa
     outcome = LatentEnvironment(env, joint_policy).hold(rows, latent, 3)
     for t in range(1, 4):
         twin.step(joint_policy(twin.observe(), latent))
-        np.testing.assert_array_equal(outcome.path[:, t], twin.landmarks())
+        np.testing.assert_array_equal(outcome.path[:, 0, t], twin.landmarks())
     np.testing.assert_array_equal(outcome.rows, twin.save(np.arange(5)))

@@ -22,7 +22,7 @@ def control(
 ) -> ModelPredictiveControl:
     route = Route(np.array([[*point, 0.0] for point in waypoints]), tolerance=0.5)
     rng = np.random.default_rng(seed)
-    return ModelPredictiveControl(ORIGIN, ORIGIN[None], route, MEANS, BOX, settings, 2, longest, rng)
+    return ModelPredictiveControl(ORIGIN, ORIGIN[None, None], route, MEANS, BOX, settings, 2, longest, rng)
 
 
 def end_of(planner: ModelPredictiveControl) -> np.ndarray:

@@ -19,6 +19,7 @@ from skillcli.recipe import resolve
 from skillcli.stages.compose import Request, compose, execute
 from skillcli.stages.library import open_library
 from skillcli.stages.pretrain import evaluate
+from skillcli.stages.robots import Robots
 from skillcli.stages.transfer_eval import Script, run_on
 from skillcli.store import STAGES, Artifact, ArtifactId, Store
 from skillcli.trajectories import Trajectories
@@ -144,7 +145,7 @@ def test_what_the_search_saw_is_what_the_plan_does(chain: Path) -> None:
         Segment(latent, int(skill), "", int(n))
         for latent, skill, n in zip(artifact.arrays["plan/latent"], artifact.arrays["plan/skill"], steps, strict=True)
     ]
-    again = execute(library, plan, artifact.arrays["waypoints/target"])
+    again = execute(library, plan, artifact.arrays["waypoints/target"], Robots())
     np.testing.assert_array_equal(again.joint_position, recording(artifact).joint_position)
 
 

@@ -18,6 +18,7 @@ from skillcli.recipe import PushTask, load_recipe
 from skillcli.stages.compose import Request, execute, inputs_of
 from skillcli.stages.library import open_library
 from skillcli.stages.pretrain import evaluate
+from skillcli.stages.robots import Robots
 from skillcli.stages.transfer_eval import Script, run_on
 from skillcli.stages.visualise import draw, record, scene_of
 from skillcli.store import STAGES, Artifact, ArtifactId, Store
@@ -144,7 +145,7 @@ def test_a_route_alone_does_the_same(push_chain: Path) -> None:
             Segment(arrays["plan/latent"][i], int(arrays["plan/skill"][i]), "", int(steps[i]))
             for i in np.flatnonzero(arrays["plan/route"] == route)
         ]
-        alone = execute(library, plan, waypoints)
+        alone = execute(library, plan, waypoints, Robots())
         together = recording(artifact).select([route])
         assert alone.success.tolist() == together.success.tolist()
         np.testing.assert_array_equal(alone.padded(len(together.time) - 1).object_pose, together.object_pose)

@@ -1,0 +1,141 @@
+"""Closed loop over segments: look at the target after each one, plan again from what is seen, and go on from there."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from skillcli.composition.latent_environment import LatentEnvironment
+from skillcli.composition.plan import Segment
+from skillcli.composition.planner import Planner, run
+from skillcli.composition.search import Expansions
+from skillcli.envs.environment import Environment, Sighting
+from skillcli.errors import UsageError
+from skillcli.learning.playback import conduct, met
+from skillcli.seeding import generator
+from skillcli.stages.planning import Leg, choices_of, mpc_from, search_from
+from skillcli.trajectories import Array, Trajectories
+
+REPLANS = ("search", "mpc")
+GLANCE = 2  # control steps over which the speed of the judged point is seen: over one, noise would drown it
+
+
+@dataclass
+class Effort:
+    """What planning again took."""
+
+    plans: int = 0
+    seconds: float = 0.0
+
+
+class Replanner:
+    """Plans again and again, in simulations of its own, for a target that it knows through its sensors only.
+
+    Args:
+        leg: library, recipe, and the robots to plan with; its waypoints do not matter.
+        method: one of `REPLANS`.
+
+    Raises:
+        UsageError: the method is none of them.
+    """
+
+    def __init__(self, leg: Leg, method: str) -> None:
+        if method not in REPLANS:
+            raise UsageError(
+                f"a plan of --method {method} cannot be made again on the way", f"--replan goes with {' or '.join(REPLANS)}"
+            )
+        self.leg, self.method, self.effort = leg, method, Effort()
+        self._choices = choices_of(leg)
+        settings = leg.recipe.transfer
+        slots = settings.replan_batch * len(self._choices.latent) if method == "search" else leg.recipe.mpc.samples
+        self._simulations = leg.robots.simulations(leg.recipe.task, slots)
+        self._world = LatentEnvironment(self._simulations, leg.library.agent.act, leg.robots.count)
+        segments = leg.recipe.search.segments if method == "search" else (leg.recipe.mpc.segment,)
+        self._longest = leg.steps(max(segments))
+
+    def episode(self, target: Environment, waypoints: Array, steps: int, seed: int) -> Trajectories:
+        """One episode on one target robot that stands at its start.
+
+        Args:
+            target: one simulation.
+            waypoints: (W, 3) m.
+            steps: control steps at most.
+            seed: of methods that use chance.
+        """
+        target.target[:] = waypoints[-1]
+        mission = _Mission(self, target, waypoints, generator(seed, "replanning"))
+        recording, _ = conduct(target, self.leg.library.agent.act, mission.feed, steps)
+        return recording.judged_by(recording.success & met(recording, [waypoints], target.tolerance))
+
+    @property
+    def goal_tolerance(self) -> float:
+        """What is near enough to stop, m."""
+        own = self.leg.recipe.search if self.method == "search" else self.leg.recipe.mpc
+        return min(own.goal_tolerance, self.leg.recipe.task.tolerance)
+
+    def next(self, seen: Sighting, waypoints: Array, rng: np.random.Generator) -> Segment | None:
+        """The first segment of a new plan, None where nothing is left to do."""
+        began = time.perf_counter()
+        robots = np.arange(self.leg.robots.count)
+        self._simulations.imagine(robots, np.repeat(seen.state, len(robots), axis=0))
+        planner = self._planner(*self._world.start(), waypoints, rng)
+        run(planner, self._world, lambda *_: None)
+        self.effort.plans += 1
+        self.effort.seconds += time.perf_counter() - began
+        plan = planner.plan()
+        return replace(plan[0], steps=min(plan[0].steps, self._longest)) if plan else None
+
+    def _planner(self, row: Array, points: Array, waypoints: Array, rng: np.random.Generator) -> Planner:
+        if self.method == "mpc":
+            return mpc_from(self.leg, row, points, waypoints, 1, rng)
+        settings = self.leg.recipe.transfer
+        search = search_from(self.leg, row, points, waypoints, self._choices, settings.replan_budget)
+        return Expansions(search, settings.replan_batch)
+
+
+class _Mission:
+    """One episode under way: which waypoints are behind it, and what is being held."""
+
+    def __init__(self, replanner: Replanner, target: Environment, waypoints: Array, rng: np.random.Generator) -> None:
+        self._replanner, self._target, self._waypoints, self._rng = replanner, target, waypoints, rng
+        self._due = 0
+        self._segment: Segment | None = None
+        self._left = 0  # control steps that the segment is still held for
+        self._path: list[Array] = []  # (3,) m, the judged point as it was seen
+
+    def feed(self, _: int, failed: Array) -> tuple[Array, Array, Array] | None:
+        """See `conduct`."""
+        if failed[0]:
+            return None
+        seen = self._target.look()
+        self._path.append(seen.judged[0])
+        if self._arrived():
+            return None
+        if self._left == 0:
+            segment = self._replanner.next(seen, self._waypoints[self._due :], self._rng) or self._segment
+            if segment is None:
+                return None
+            self._segment, self._left = segment, segment.steps
+        assert self._segment is not None
+        latent = self._segment.latents[self._segment.steps - self._left]
+        self._left -= 1
+        return latent[None], np.array([self._segment.skill]), np.array([True])
+
+    def _arrived(self) -> bool:
+        """Take note of a waypoint that is met; whether the last one is, slowly enough."""
+        gap = float(np.linalg.norm(self._path[-1] - self._waypoints[self._due]))
+        if self._due < len(self._waypoints) - 1:
+            if gap <= self._target.tolerance:
+                self._due, self._left = self._due + 1, 0  # what is being held was meant for the one before
+            return False
+        settings = self._replanner.leg.recipe.search
+        slow = not settings.final_speed or self._replanner.method == "mpc" or self._speed() <= settings.final_speed
+        return gap <= self._replanner.goal_tolerance and slow and len(self._path) > 1
+
+    def _speed(self) -> float:
+        """Of the judged point as it was seen, m/s."""
+        behind = self._path[-1 - min(GLANCE, len(self._path) - 1)]
+        seconds = max(1, min(GLANCE, len(self._path) - 1)) * self._target.control_period
+        return float(np.linalg.norm(self._path[-1] - behind)) / seconds
