@@ -102,7 +102,7 @@ def test_every_command_in_the_text_exists_with_its_options(page: Path) -> None:
             words = re.sub(r"[\[\]…]", " ", alternative).split()
             if words == ["COMMAND", "--help"]:
                 continue
-            command, rest, before = command_at(words)
+            command, rest, _ = command_at(words)
             options = {name for param in command.params for name in (*param.opts, *param.secondary_opts)} | {"--help"}
             used = {word.partition("=")[0] for word in rest if re.match(r"-{1,2}[a-z]", word)}
             stray = hasattr(command, "commands") and rest and rest[0].islower() and not rest[0].startswith("-")
