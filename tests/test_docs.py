@@ -159,6 +159,13 @@ def test_the_tutorials_recipe_loads(tmp_path: Path) -> None:
     assert recipe.compose.task == "" and len(recipe.compose.goals) == 2
 
 
+def test_an_artifact_is_read_as_shown(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(ROOT)
+    exec(block_with("artifacts.md", "import h5py"), {})
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.startswith("(1, 50, 3)") and "episode,step+1,xyz" in first and second == "True 2.45"
+
+
 def test_the_task_that_is_shown_works(monkeypatch: pytest.MonkeyPatch) -> None:
     space = dict(vars(skillcli.recipe))
     exec(block_with("add-a-task.md", "class PlanarTask"), space)
