@@ -188,7 +188,10 @@ def test_an_episode_says_what_was_drawn_for_it_and_where_it_ends(tmp_path: Path)
     assert "| latency | 0.05 | s |" in told and "| gain | 1.25 1.25" in told
     record(scene, tmp_path / "scene.rrd")
     labels = [row[0] for row in column(tmp_path / "scene.rrd", "/world/now", "Points3D:labels") if row]
-    assert labels == [notes.label(scene, episode) for episode in motion.played(scene)]
+    assert labels == [notes.title(scene, episode) for episode in motion.played(scene)]
+    first = motion.played(scene)[0]
+    (names,) = column(tmp_path / "scene.rrd", f"/series/distance/{first:03d}-real-like-{first - 12}", "SeriesLines:names")
+    assert names == [notes.label(scene, first)]
     assert column(tmp_path / "scene.rrd", "/episode", "TextDocument:text") == [
         [notes.card(scene, episode)] for episode in motion.played(scene)
     ]

@@ -9,7 +9,7 @@ from skillcli.viz import motion
 from skillcli.viz.palette import BETWEEN, TARGET_IN_VIEWER, rgba
 from skillcli.viz.recording.clock import Clock
 from skillcli.viz.recording.layout import called, episode_color, extent, in_space, key, latent_extent, skill_colors
-from skillcli.viz.recording.notes import label
+from skillcli.viz.recording.notes import title
 from skillcli.viz.recording.space import rest_after
 from skillcli.viz.scene import Scene
 
@@ -41,10 +41,10 @@ def log_moving(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
     """A named marker on the judged point and one on the latent that is fed."""
     data = scene.trajectories
     length = int(data.length[clock.episode])
-    transferred = scene.kind == "transfer-eval"  # the label of the marker has its colour, and is long
+    transferred = scene.kind == "transfer-eval"  # the label of the marker has its colour
     color = rgba(TARGET_IN_VIEWER if transferred else episode_color(scene, clock.episode))
     # in the other kinds the goal's own label says it, and two on one place cannot be read
-    said = [label(scene, clock.episode)] if transferred else None
+    said = [title(scene, clock.episode)] if transferred else None
     fed = in_space(data.latent[clock.episode, :length])
     for entity, rows, radius, where, labels in (
         ("world/now", slice(0, length + 1), extent(scene) / 90, motion.path(scene, clock.episode), said),

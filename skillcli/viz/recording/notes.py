@@ -1,4 +1,4 @@
-"""What is said about a played episode: a short label beside the gripper, and a card of its own."""
+"""What is said about a played episode: a title beside the gripper, a label in the plots, and a card of its own."""
 
 from __future__ import annotations
 
@@ -17,12 +17,15 @@ from skillcli.viz.scene import Scene
 LABEL_WIDTH = 46  # characters
 
 
+def title(scene: Scene, episode: int) -> str:
+    """Which episode it is, and where it ends: short enough to stand beside the gripper."""
+    return f"{scene.episode_labels[episode]}: {_ending(scene, episode)}"
+
+
 def label(scene: Scene, episode: int) -> str:
-    """Which episode it is and where it ends, then what was drawn for it, as a few short lines."""
+    """The title, and below it what was drawn for the episode and differs from others of its domain."""
     drawn = [_short(name, values[episode]) for name, values in scene.drawn.items() if _tells(scene, values, episode)]
-    return "\n".join(
-        [f"{scene.episode_labels[episode]}: {_ending(scene, episode)}", *textwrap.wrap(", ".join(drawn), LABEL_WIDTH)]
-    )
+    return "\n".join([title(scene, episode), *textwrap.wrap(", ".join(drawn), LABEL_WIDTH)])
 
 
 def log_card(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:

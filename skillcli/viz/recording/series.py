@@ -10,6 +10,7 @@ from skillcli.viz import motion
 from skillcli.viz.palette import BETWEEN, look, rgba
 from skillcli.viz.recording.clock import Clock
 from skillcli.viz.recording.layout import curve_path, episode_color, key
+from skillcli.viz.recording.notes import label
 from skillcli.viz.scene import Scene
 
 SYMBOLS = {"latent": "z", "joint_speed": "j"}
@@ -19,7 +20,8 @@ def log_series(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
     """What changes over the control steps of one played episode."""
     for name, (rows, values) in _single(scene, clock.episode).items():
         entity = f"series/{name}/{key(scene, clock.episode)}"
-        names, colors = [scene.episode_labels[clock.episode]], [rgba(episode_color(scene, clock.episode))]
+        said = label(scene, clock.episode) if scene.kind == "transfer-eval" else scene.episode_labels[clock.episode]
+        names, colors = [said], [rgba(episode_color(scene, clock.episode))]
         stream.log(entity, rr.SeriesLines(colors=colors, names=names), static=True)
         stream.send_columns(entity, clock.columns(scene.trajectories.time, rows), rr.Scalars.columns(scalars=values))
     _log_source(stream, scene, clock)
