@@ -60,7 +60,7 @@ PARAMETERS: dict[str, Parameter] = {
     "position_drift": Parameter(1, "m", "standard deviation of slow noise on measured positions, see drift_time", 0, 1),
     "drift_time": Parameter(1, "s", "time over which slow noise forgets: its correlation falls to 1/e", 0, 3600),
     "joint_offset": Parameter(
-        7, "rad", "error of each joint's zero: angles, commands and the gripper position computed from them are off alike", -0.5, 0.5
+        7, "rad", "error of each joint's zero: angles, commands and the gripper position computed from them alike", -0.5, 0.5
     ),
     "position_offset": Parameter(3, "m", "constant error of measured positions, as of a camera: x, y and z", -0.5, 0.5),
     "push_rate": Parameter(1, "1/s", "how often something knocks against arm and box", 0, 20),
@@ -163,7 +163,8 @@ def closest(name: str, known: Iterable[str]) -> str:
 def _known(ranges: dict[str, Range]) -> dict[str, Range]:
     for name in ranges:
         if name not in PARAMETERS:
-            raise ValueError(f"no parameter {name!r}{closest(name, PARAMETERS)}; parameters: {', '.join(PARAMETERS)}")
+            meant = closest(name, PARAMETERS) or "; parameters: " + ", ".join(PARAMETERS)
+            raise ValueError(f"no parameter {name!r}{meant}")
     for name, values in ranges.items():
         _check(name, values)
         if name in NEEDS and not any(other in ranges for other in NEEDS[name]):

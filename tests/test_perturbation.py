@@ -81,7 +81,9 @@ def test_what_cannot_be_meant_is_refused(toml: str, said: str) -> None:
         read(toml)
 
 
-@pytest.mark.parametrize("name", ["table_height", "table_tilt", "joint_offset", "position_offset", "start_offset", "object_offset"])
+@pytest.mark.parametrize(
+    "name", ["table_height", "table_tilt", "joint_offset", "position_offset", "start_offset", "object_offset"]
+)
 def test_offsets_may_be_negative(name: str) -> None:
     assert read(f"{name} = {{ uniform = [-0.1, 0.1] }}")[name] == uniform(-0.1, 0.1)
 

@@ -11,7 +11,7 @@ from skillcli.envs import disturbance, sensors
 from skillcli.envs.arms import Arms
 from skillcli.envs.disturbance import Disturbance
 from skillcli.envs.environment import Array, Step
-from skillcli.envs.safety import RANGE_TOLERANCE, TABLE_TOLERANCE, Clearance
+from skillcli.envs.safety import RANGE_TOLERANCE, STIFF_TABLE_TOLERANCE, Clearance
 from skillcli.envs.sawyer import VELOCITY_LIMIT
 from skillcli.envs.sensors import Sensors
 from skillcli.recipe import ArmTask
@@ -35,6 +35,7 @@ class ArmEnvironment:
     action_size = 7
     privileged_size = 0
     failure_reward = 0.0  # of the step that fails
+    table_tolerance = STIFF_TABLE_TOLERANCE
 
     def __init__(self, task: ArmTask, spec: mujoco.MjSpec, goals: Array, num: int, threads: int) -> None:
         self.num, self.horizon, self.tolerance = num, task.horizon, task.tolerance
@@ -163,7 +164,7 @@ class ArmEnvironment:
             self._clearance = Clearance(self.arms.model)
         past = self.arms.past_range().max(axis=1) > RANGE_TOLERANCE
         fast = (np.abs(self.arms.joint_velocity) > VELOCITY_LIMIT).any(axis=1)
-        deep = self._clearance.depth(*self.arms.geom_frames()) > TABLE_TOLERANCE
+        deep = self._clearance.depth(*self.arms.geom_frames()) > self.table_tolerance
         return np.stack([past, fast, deep], axis=1)
 
     def save(self, ids: Array) -> Array:

@@ -20,6 +20,11 @@ _NEW_STATE = int(mujoco.mjtStage.mjSTAGE_VEL)
 OBJECT = "box"
 FINGER = ("palm", "rod")  # the geoms that touch it
 
+# An unstable simulation is a failed episode, and no reason to leave MUJOCO_LOG.TXT in the user's folder.
+_log = mujoco.MjLogConfig.get()
+_log.logto_console = _log.logto_file = False
+_log.set()
+
 # A simulation beyond these is unstable: whole turns of a joint or hundreds of metres, and speeds of another world.
 _FARTHEST, _FASTEST = 100.0, 1000.0
 
@@ -71,13 +76,15 @@ class Arms:
     @property
     def joint_velocity(self) -> Array:
         """True joint speeds, (N, 7) rad/s."""
-        return self._qvel[:, [self.model.joint(name).dofadr[0] for name in JOINTS]]
+        speed: Array = self._qvel[:, [self.model.joint(name).dofadr[0] for name in JOINTS]]
+        return speed
 
     def past_range(self) -> Array:
         """How far each joint is past the end of its range, (N, 7) rad; negative inside."""
         low, high = np.array([self.model.joint(name).range for name in JOINTS]).T
         arm = self.joint_position
-        return np.maximum(low - arm, arm - high)
+        past: Array = np.maximum(low - arm, arm - high)
+        return past
 
     def geom_frames(self) -> tuple[Array, Array]:
         """Positions (N, G, 3) m and rotation matrices (N, G, 9) of all geoms; live views."""

@@ -114,6 +114,9 @@ def _explain(path: Path, error: ValidationError) -> tuple[str, str]:
 
 def _unknown_field(path: Path, key: str) -> tuple[str, str]:
     if key in PARAMETERS:
-        return f"domain file {path}: {key} is a parameter and stands in the wrong place", f"write it below [parameters]; {_HELP}"
+        return (
+            f"domain file {path}: {key} is a parameter and stands in the wrong place",
+            f"write it below [parameters]; {_HELP}",
+        )
     said = f"domain file {path}: unknown field {key!r}{closest(key, _File.model_fields)}"
     return said, f"fields: {', '.join(_File.model_fields)}; {_HELP}"

@@ -11,6 +11,7 @@ from skillcli.envs import sawyer, table
 from skillcli.envs.arm_environment import ArmEnvironment
 from skillcli.envs.arms import FINGER, OBJECT
 from skillcli.envs.environment import Array
+from skillcli.envs.safety import SOFT_TABLE_TOLERANCE
 from skillcli.recipe import PushTask
 
 # Contact. The friction cone is elliptic, else friction would depend on the direction of a push; condim 4 adds the torsion
@@ -75,6 +76,7 @@ class PushEnvironment(ArmEnvironment):
     # goal, box speed, finger to the point behind the box; friction, mass, stiffness and latency of this robot
     privileged_size = 11
     failure_reward = LOST
+    table_tolerance = SOFT_TABLE_TOLERANCE
 
     def __init__(self, task: PushTask, num: int, threads: int = 0, delay: bool = False) -> None:
         self._task = task

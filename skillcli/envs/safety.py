@@ -13,30 +13,29 @@ from skillcli.trajectories import Array
 
 # rad past the end of a joint's range: stops are soft here, and give way by less under a servo that only leans on one.
 RANGE_TOLERANCE = 0.005
-# m below the table top: contacts are soft here, a fingertip that rests on the table sinks in by less.
-TABLE_TOLERANCE = 0.002
+
+# Contacts are soft here, so a finger that rests on the table sinks in a little. How deep, m, says how hard it presses: these
+# are the depths at about 30 N on the fingertip, with MuJoCo's own contact and with that of the push task, whose impedance
+# rises from nothing. Touching is allowed, leaning on the table is not.
+STIFF_TABLE_TOLERANCE = 5e-5
+SOFT_TABLE_TOLERANCE = 1e-3
 
 
 class Clearance:
     """How deep an arm is in the table.
 
-    Every geom of the arm that collides at all is covered by points, each with a radius: capsules and spheres by balls along their
-    axes, boxes by their corners, cylinders by their rims, anything else by the corners of its bounding box.
+    Every geom of the arm that collides at all is covered by points, each with a radius: capsules and spheres by balls
+    along their axes, boxes by their corners, cylinders by their rims, anything else by the corners of its bounding box.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._table = model.geom("table").id
         self._half = model.geom_size[self._table].copy()
-        points, radii, owners = [], [], []
-        for geom in range(model.ngeom):
-            if not _is_arm(model, geom):
-                continue
-            own, radius = _cover(model, geom)
-            points.append(own)
-            radii.append(np.full(len(own), radius))
-            owners.append(np.full(len(own), geom))
-        self._points, self._radii = np.concatenate(points), np.concatenate(radii)
-        self._owners = np.concatenate(owners)
+        geoms = [geom for geom in range(model.ngeom) if _is_arm(model, geom)]
+        covers = [_cover(model, geom) for geom in geoms]
+        self._points = np.concatenate([points for points, _ in covers])
+        self._radii = np.concatenate([np.full(len(points), radius) for points, radius in covers])
+        self._owners = np.repeat(geoms, [len(points) for points, _ in covers])
 
     def depth(self, position: Array, rotation: Array) -> Array:
         """How far the deepest part is below the table top, within the table's rectangle, (N,) m; 0 where none is.
@@ -50,7 +49,8 @@ class Clearance:
         on_table = np.einsum("npi,nij->npj", each - position[:, self._table, None], frame[:, self._table])
         over = (np.abs(on_table[..., :2]) <= self._half[:2]).all(axis=2)
         below: Array = self._half[2] - (on_table[..., 2] - self._radii)
-        return np.where(over, below, 0.0).max(axis=1).clip(min=0.0)
+        deepest: Array = np.where(over, below, 0.0).max(axis=1).clip(min=0.0)
+        return deepest
 
 
 def _is_arm(model: mujoco.MjModel, geom: int) -> bool:
