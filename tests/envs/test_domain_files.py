@@ -8,7 +8,7 @@ import pytest
 
 from skillcli.envs.domains import PRESETS, find_domain
 from skillcli.errors import UsageError
-from skillcli.perturbation import NEUTRAL, Range, log_uniform, one_of, uniform
+from skillcli.perturbation import NEUTRAL, PARAMETERS, Range, log_uniform, one_of, uniform
 
 
 def written(folder: Path, text: str | bytes) -> str:
@@ -125,3 +125,10 @@ def test_what_results_were_compared_on_stays_at_least_as_hard() -> None:
     assert real["latency"] == one_of(0, 0.05)
     assert real["joint_noise"] == one_of(0.005) and real["position_noise"] == one_of(0.003)
     assert mild["contact_friction"] == uniform(0.9, 1.1) and mild["gain"] == uniform(0.95, 1.05)
+
+
+def test_the_documentation_knows_every_parameter_and_preset_as_they_are() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "domains.md").read_text()
+    for name, p in PARAMETERS.items():
+        assert f"| `{name}` | {p.size} | {p.unit} | {p.low:g} .. {p.high:g} | {p.meaning} |" in text
+    assert all(f"`{name}`" in text for name in PRESETS)
