@@ -147,7 +147,7 @@ def transfer_eval(
     context: typer.Context,
     source: Annotated[str | None, typer.Argument(metavar="[ID]", help=MADE_FROM, autocompletion=complete.ids)] = None,
     domain: Annotated[
-        list[str] | None, typer.Option("--domain", help="Target domain, see `skill domains`.", metavar="NAME")
+        list[str] | None, typer.Option("--domain", help="Target domain, see `skill domains`, or a file.", metavar="NAME|FILE")
     ] = None,
     episodes: Annotated[int | None, typer.Option("--episodes", help="Per domain.", min=1, max=10_000)] = None,
     seed: Seed = 0,

@@ -7,8 +7,13 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
+from skillcli.envs import disturbance, sensors
 from skillcli.envs.arms import Arms
+from skillcli.envs.disturbance import Disturbance
 from skillcli.envs.environment import Array, Step
+from skillcli.envs.safety import RANGE_TOLERANCE, STIFF_TABLE_TOLERANCE, Clearance
+from skillcli.envs.sawyer import VELOCITY_LIMIT
+from skillcli.envs.sensors import Sensors
 from skillcli.recipe import ArmTask
 
 
@@ -30,6 +35,7 @@ class ArmEnvironment:
     action_size = 7
     privileged_size = 0
     failure_reward = 0.0  # of the step that fails
+    table_tolerance = STIFF_TABLE_TOLERANCE
 
     def __init__(self, task: ArmTask, spec: mujoco.MjSpec, goals: Array, num: int, threads: int) -> None:
         self.num, self.horizon, self.tolerance = num, task.horizon, task.tolerance
@@ -42,8 +48,10 @@ class ArmEnvironment:
         self._start = np.array(task.start)
         self._start_offset = np.zeros((num, 7))  # rad
         self._elapsed = np.zeros(num, dtype=np.int64)
-        self._noise: dict[str, Array] | None = None  # of the sensors, (N, 1) each
-        self._sensors = np.random.default_rng(0)
+        self._joint_offset: Array | None = None  # rad
+        self._sensors: Sensors | None = None  # None: everything is measured as it is
+        self._disturbance: Disturbance | None = None
+        self._clearance: Clearance | None = None  # made when it is first asked for
         self.reset(np.arange(num), np.zeros(num, dtype=np.int64))
 
     def position(self) -> Array:
@@ -77,47 +85,87 @@ class ArmEnvironment:
     def reset(self, ids: Array, skill: Array) -> None:
         """See `Environment`."""
         self._place(ids)
-        self._begin_clock(ids, skill)
+        self._begin(ids, skill)
 
     def begin(self, ids: Array, rows: Array, skill: Array) -> None:
         """See `Environment`."""
         self.arms.restore(ids, rows)
-        self._begin_clock(ids, skill)
+        self._begin(ids, skill)
 
     def _place(self, ids: Array) -> None:
         self.arms.place(ids, self._start + self._start_offset[ids], self.place_object(ids))
 
-    def _begin_clock(self, ids: Array, skill: Array) -> None:
+    def _begin(self, ids: Array, skill: Array) -> None:
         self._elapsed[ids] = 0
         self.target[ids] = self.goals[skill]
+        if self._sensors is not None:
+            self._sensors.begin(ids, self._true()[ids])
+
+    def _true(self) -> Array:
+        """What perfect sensors would report, (N, 10); the arm computes its gripper position from its joint angles."""
+        position = self.position()
+        if self._joint_offset is not None:
+            position = position + self.arms.reported_shift(self._joint_offset)
+        return np.concatenate([self.arms.joint_position, position], axis=1)
 
     def observe(self) -> Array:
         """See `Environment`."""
+        if self._sensors is not None:
+            return self._sensors.read().astype(np.float32)
         observation = np.empty((self.num, 10), dtype=np.float32)
         observation[:, :7] = self.arms.joint_position
         observation[:, 7:] = self.position()
-        if self._noise is not None:
-            observation[:, :7] += self._noise["joint"] * self._sensors.standard_normal((self.num, 7))
-            observation[:, 7:] += self._noise["position"] * self._sensors.standard_normal((self.num, 3))
         return observation
 
     def perturb(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
         """See `Environment`."""
         self.arms.perturb(parameters)
-        none = np.zeros(self.num)
-        self._start_offset = np.broadcast_to(parameters.get("start_offset", 0.0), (self.num, 7))
-        joint, position = parameters.get("joint_noise", none), parameters.get("position_noise", none)
-        self._noise, self._sensors = {"joint": joint[:, None], "position": position[:, None]}, rng
+        start = np.broadcast_to(parameters.get("start_offset", 0.0), (self.num, 7))
+        offset = parameters.get("joint_offset")
+        self._joint_offset = offset if offset is not None and offset.any() else None
+        # The arm goes where its encoders say the start is. From there on an offset that commands share with angles has no
+        # effect on increments: the servo closes its loop on the same encoder.
+        self._start_offset = start if self._joint_offset is None else start - self._joint_offset
+        self._sensors = self._disturbance = None
+        if disturbance.needed(parameters):
+            self._disturbance = Disturbance(parameters, self.num, self.arms.substeps, self.control_period, rng)
+        if sensors.needed(parameters):
+            self._sensors = Sensors(parameters, self.num, self.control_period, rng)
+            self._sensors.begin(np.arange(self.num), self._true())
 
     def step(self, action: Array) -> Step:
         """See `Environment`."""
-        self.applied = self.arms.move(self.arms.action_limit * action)
+        self.applied = self._move(self.arms.action_limit * action)
         self._elapsed += 1
         failed = self.failed()
         if failed.any():  # a failed episode ends in a clear state, at the start, and never in NaN
             self._place(np.flatnonzero(failed))
+        if self._sensors is not None:
+            self._sensors.advance(self._true())
+            if failed.any():
+                self._sensors.begin(np.flatnonzero(failed), self._true()[failed])
         reward = np.where(failed, self.failure_reward, self.reward())
         return Step(self.observe(), reward, failed, self._elapsed >= self.horizon)
+
+    def _move(self, increment: Array) -> Array:
+        if self._disturbance is None:
+            return self.arms.move(increment)
+        lateness, forces = self._disturbance.lateness(), self._disturbance.forces()
+        if forces is None:
+            return self.arms.move(increment, lateness)
+        self.arms.knock(*forces)
+        applied = self.arms.move(increment, lateness)
+        self.arms.release()
+        return applied
+
+    def violations(self) -> Array:
+        """See `Environment`."""
+        if self._clearance is None:
+            self._clearance = Clearance(self.arms.model)
+        past = self.arms.past_range().max(axis=1) > RANGE_TOLERANCE
+        fast = (np.abs(self.arms.joint_velocity) > VELOCITY_LIMIT).any(axis=1)
+        deep = self._clearance.depth(*self.arms.geom_frames()) > self.table_tolerance
+        return np.stack([past, fast, deep], axis=1)
 
     def save(self, ids: Array) -> Array:
         """See `Environment`."""
@@ -126,6 +174,8 @@ class ArmEnvironment:
     def restore(self, ids: Array, rows: Array) -> None:
         """See `Environment`."""
         self.arms.restore(ids, rows)
+        if self._sensors is not None:
+            self._sensors.settle(ids, self._true()[ids])
 
     def snapshot(self) -> dict[str, Array]:
         """See `Environment`."""

@@ -10,6 +10,7 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
+from skillcli.envs import table
 from skillcli.envs.sawyer import JOINTS, LIMIT_MARGIN
 
 Array = NDArray[Any]
@@ -18,6 +19,14 @@ _NEW_STATE = int(mujoco.mjtStage.mjSTAGE_VEL)
 
 OBJECT = "box"
 FINGER = ("palm", "rod")  # the geoms that touch it
+
+# An unstable simulation is a failed episode, and no reason to leave MUJOCO_LOG.TXT in the user's folder.
+_log = mujoco.MjLogConfig.get()
+_log.logto_console = _log.logto_file = False
+_log.set()
+
+# A simulation beyond these is unstable: whole turns of a joint or hundreds of metres, and speeds of another world.
+_FARTHEST, _FASTEST = 100.0, 1000.0
 
 
 class Arms:
@@ -53,16 +62,33 @@ class Arms:
             joint = model.joint(OBJECT)
             self._object_qpos = slice(joint.qposadr[0], joint.qposadr[0] + 7)
             self._object_qvel = slice(joint.dofadr[0], joint.dofadr[0] + 6)
-            self._qvel = self.batch.bind("qvel")
+        self._qvel = self.batch.bind("qvel")
         self._default_row = self.batch.state[0].copy()
         self._perturbed: set[str] = set()  # model fields that differ between simulations
         self._history = self.batch.bind("history") if model.nhistory else None
 
     @property
     def joint_position(self) -> Array:
-        """Measured joint angles, (N, 7) rad."""
+        """True joint angles, (N, 7) rad."""
         arm: Array = self._qpos[:, self._qpos_address]
         return arm
+
+    @property
+    def joint_velocity(self) -> Array:
+        """True joint speeds, (N, 7) rad/s."""
+        speed: Array = self._qvel[:, [self.model.joint(name).dofadr[0] for name in JOINTS]]
+        return speed
+
+    def past_range(self) -> Array:
+        """How far each joint is past the end of its range, (N, 7) rad; negative inside."""
+        low, high = np.array([self.model.joint(name).range for name in JOINTS]).T
+        arm = self.joint_position
+        past: Array = np.maximum(low - arm, arm - high)
+        return past
+
+    def geom_frames(self) -> tuple[Array, Array]:
+        """Positions (N, G, 3) m and rotation matrices (N, G, 9) of all geoms; live views."""
+        return self.batch.bind("geom_xpos"), self.batch.bind("geom_xmat")
 
     @property
     def gripper_position(self) -> Array:
@@ -99,8 +125,12 @@ class Arms:
             blocks[ids, :, 2 + samples :] = q[..., None]
         self.batch.forward(np.sort(ids), stage=_NEW_STATE)
 
-    def move(self, increment: Array) -> Array:
+    def move(self, increment: Array, lateness: Array | None = None) -> Array:
         """Add increments (N, 7) rad to the commanded targets and advance by one control step.
+
+        Args:
+            increment: of each joint's target.
+            lateness: (N,) physics steps, of this control step, in which the targets before still hold.
 
         Returns:
             (N, 7) rad: the increments after clipping to the action limit.
@@ -108,8 +138,16 @@ class Arms:
         increment = np.clip(increment, -self.action_limit, self.action_limit)
         measured = self.joint_position
         target = np.clip(self._ctrl + increment, measured - self.LEASH, measured + self.LEASH)
-        np.clip(target, self._low, self._high, out=self._ctrl)
-        self.batch.step(nstep=self.substeps, stage=_NEW_STATE)
+        target = np.clip(target, self._low, self._high)
+        done = 0
+        for late in np.unique(lateness) if lateness is not None else (0,):
+            if late > done:
+                self.batch.step(nstep=int(late - done), stage=_NEW_STATE)
+                done = late
+            due = slice(None) if lateness is None else lateness == late
+            self._ctrl[due] = target[due]
+        if done < self.substeps:
+            self.batch.step(nstep=int(self.substeps - done), stage=_NEW_STATE)
         return increment
 
     def save(self, ids: Array) -> Array:
@@ -133,34 +171,69 @@ class Arms:
         dofs = np.array([model.joint(name).dofadr[0] for name in JOINTS])
         links = np.array([model.joint(name).bodyid[0] for name in JOINTS])
         servos = np.array([model.actuator(name).id for name in JOINTS])
-        table = model.geom("table").id
+        top = model.geom("table").id
         touching = np.array([model.geom(name).id for name in ("table", *((OBJECT, *FINGER) if self._has_object else ()))])
         objects = np.array([model.body(OBJECT).id] if self._has_object else [], dtype=int)
-        changed: dict[str, list[tuple[str, tuple[Any, ...], bool]]] = {
-            # parameter: model field, where in it, and whether it is scaled, else added to
-            "link_mass": [("body_mass", (links,), True), ("body_inertia", (links,), True)],
-            "gravity_compensation": [("body_gravcomp", (slice(None),), True)],
-            "object_mass": [("body_mass", (objects,), True), ("body_inertia", (objects,), True)],
-            "joint_damping": [("dof_damping", (dofs,), True)],
-            "joint_friction": [("dof_frictionloss", (dofs,), True)],
+        boxes = np.array([model.geom(OBJECT).id] if self._has_object else [], dtype=int)
+        changed: dict[str, list[tuple[str, tuple[Any, ...], int]]] = {
+            # parameter: model field, where in it, and to which power it multiplies; 0: it is added
+            "link_mass": [("body_mass", (links,), 1), ("body_inertia", (links,), 1)],
+            "link_inertia": [("body_inertia", (links,), 1)],
+            "armature": [("dof_armature", (dofs,), 1)],
+            "gravity_compensation": [("body_gravcomp", (slice(None),), 1)],
+            "object_mass": [("body_mass", (objects,), 1), ("body_inertia", (objects,), 1)],
+            # bounding volumes follow from the size in set_const
+            "object_size": [("geom_size", (boxes,), 1), ("body_inertia", (objects,), 2)],
+            "joint_damping": [("dof_damping", (dofs,), 1)],
+            "joint_friction": [("dof_frictionloss", (dofs,), 1)],
             # kp stands in gain and bias, kv in the bias: kv is scaled too, since dampratio is fixed at compile time
-            "gain": [("actuator_gainprm", (servos,), True), ("actuator_biasprm", (servos,), True)],
-            "contact_friction": [("geom_friction", (touching, slice(0, 1)), True)],
-            "table_height": [("geom_pos", (table, slice(2, 3)), False)],
-            "latency": [("actuator_delay", (servos,), False)],
+            "gain": [("actuator_gainprm", (servos,), 1), ("actuator_biasprm", (servos,), 1)],
+            "contact_friction": [("geom_friction", (touching, slice(0, 1)), 1)],
+            "table_height": [("geom_pos", (top, slice(2, 3)), 0)],
+            "table_tilt": [("geom_pos", (top,), 0), ("geom_quat", (top,), 0)],
+            "latency": [("actuator_delay", (servos,), 0)],
         }
-        self._perturbed |= {field for parameter in changed.keys() & parameters.keys() for field, _, _ in changed[parameter]}
+        drawn = {name: values for name, values in parameters.items() if name in changed}
+        self._perturbed |= {field for name in drawn for field, _, _ in changed[name]}
         live = {field: batch.expand(field) for field in sorted(self._perturbed)}
         for field, values in live.items():
             values[:] = getattr(model, field)
-        for parameter in sorted(changed.keys() & parameters.keys()):
-            for field, where, scales in changed[parameter]:
+        if "table_tilt" in drawn:
+            self._tilt_table(live, top, drawn.pop("table_tilt"))
+        for name in sorted(drawn):
+            for field, where, power in changed[name]:
                 values, at = live[field], (slice(None), *where)
-                change = parameters[parameter].reshape(self.num, -1, *(1,) * (values[at].ndim - 2))
-                values[at] = values[at] * change if scales else values[at] + change
+                change = drawn[name].reshape(self.num, -1, *(1,) * (values[at].ndim - 2))
+                values[at] = values[at] * change**power if power else values[at] + change
         batch.set_const()
 
+    def _tilt_table(self, live: Mapping[str, Array], top: int, tilt: Array) -> None:
+        """Turn the table about the middle of its top, by rotation vectors (N, 2) rad."""
+        half = self.model.geom_size[top, 2]
+        upright = np.array([0.0, 0.0, 1.0])
+        live["geom_pos"][:, top] += half * (upright - table.normal(tilt))
+        live["geom_quat"][:, top] = table.quaternion(tilt)
+
+    def knock(self, arm: Array, box: Array) -> None:
+        """Let forces (N, 3) N act on the last link and on the box, where there is one, until `release`."""
+        forces = self.batch.bind("xfrc_applied")
+        forces[:, self.model.site("gripper").bodyid[0], :3] = arm
+        if self._has_object:
+            forces[:, self.model.body(OBJECT).id, :3] = box
+
+    def release(self) -> None:
+        """End what `knock` began."""
+        self.batch.bind("xfrc_applied")[:] = 0.0
+
+    def reported_shift(self, offset: Array) -> Array:
+        """How far the gripper position computed from joint angles is off that are off by (N, 7) rad, (N, 3) m; first order."""
+        joints = [self.model.joint(name).id for name in JOINTS]
+        axis, anchor = self.batch.bind("xaxis")[:, joints], self.batch.bind("xanchor")[:, joints]
+        shift: Array = np.einsum("nj,njk->nk", offset, np.cross(axis, self._site[:, None] - anchor))
+        return shift
+
     def unstable(self) -> Array:
-        """(N,) bool: whose state is no longer finite."""
-        broken: Array = ~np.isfinite(self._qpos).all(axis=1)
+        """(N,) bool: whose state is no longer finite, or no longer of this world."""
+        far, fast = np.abs(self._qpos).max(axis=1), np.abs(self._qvel).max(axis=1)
+        broken: Array = ~((far < _FARTHEST) & (fast < _FASTEST))
         return broken

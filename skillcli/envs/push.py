@@ -7,10 +7,11 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
-from skillcli.envs import sawyer
+from skillcli.envs import sawyer, table
 from skillcli.envs.arm_environment import ArmEnvironment
 from skillcli.envs.arms import FINGER, OBJECT
 from skillcli.envs.environment import Array
+from skillcli.envs.safety import SOFT_TABLE_TOLERANCE
 from skillcli.recipe import PushTask
 
 # Contact. The friction cone is elliptic, else friction would depend on the direction of a push; condim 4 adds the torsion
@@ -75,12 +76,15 @@ class PushEnvironment(ArmEnvironment):
     # goal, box speed, finger to the point behind the box; friction, mass, stiffness and latency of this robot
     privileged_size = 11
     failure_reward = LOST
+    table_tolerance = SOFT_TABLE_TOLERANCE
 
     def __init__(self, task: PushTask, num: int, threads: int = 0, delay: bool = False) -> None:
-        self._half = np.array(task.box_size) / 2
-        self._pushing_distance = pushing_distance(task)
+        self._task = task
         self._box_start = np.array(task.box_start)
         self._table_height, self._box_offset = np.zeros(num), np.zeros((num, 2))
+        self._tilt: Array | None = None  # (N, 2) rad, of the table
+        self._half_height = np.full(num, task.box_size[2] / 2)
+        self._pushing_distance: Array = np.full((num, 1), pushing_distance(task))
         self._robot = np.tile(np.array([1.0, 1.0, 1.0, 0.0]), (num, 1))
         goals = np.array([[*(self._box_start + goal), 0.0] for goal in task.goals])
         super().__init__(task, push_spec(task, delay), goals, num, threads)
@@ -89,9 +93,19 @@ class PushEnvironment(ArmEnvironment):
         """See `ArmEnvironment`; at rest on the table."""
         pose = np.zeros((len(ids), 7))
         pose[:, :2] = self._box_start + self._box_offset[ids]
-        pose[:, 2] = sawyer.TABLE_TOP + self._table_height[ids] + self._half[2]
+        pose[:, 2] = self._rest(pose[:, :2], ids)
         pose[:, 3] = 1.0
+        if self._tilt is not None:
+            pose[:, 3:] = table.quaternion(self._tilt[ids])
         return pose
+
+    def _rest(self, xy: Array, ids: Array | slice) -> Array:
+        """How high the centre of a box is that lies on the table at places (n, 2) m, (n,) m."""
+        half, height = self._half_height[ids], self._table_height[ids]
+        if self._tilt is None:
+            rest: Array = sawyer.TABLE_TOP + height + half
+            return rest
+        return table.surface(xy, height, self._tilt[ids]) + half / table.normal(self._tilt[ids])[:, 2]
 
     def position(self) -> Array:
         """See `ArmEnvironment`."""
@@ -140,10 +154,10 @@ class PushEnvironment(ArmEnvironment):
     def failed(self) -> Array:
         """A box that fell off the table, flies or was thrown, or an unstable simulation, (N,) bool."""
         broken = super().failed()
-        rest = self._table_height + self._half[2]
-        height = self.arms.object_pose[:, 2]
+        box = np.nan_to_num(self.arms.object_pose[:, :3], posinf=0.0, neginf=0.0)
+        height, rest = box[:, 2], self._rest(box[:, :2], slice(None))
         speed = np.abs(self.arms.object_velocity[:, :3]).max(axis=1)
-        lost: Array = broken | (height < rest - self._half[2]) | (height > rest + LIFTED) | ~(speed < THROWN)
+        lost: Array = broken | (height < rest - self._half_height) | (height > rest + LIFTED) | ~(speed < THROWN)
         return lost
 
     def privileged(self) -> Array:
@@ -160,6 +174,11 @@ class PushEnvironment(ArmEnvironment):
         one, zero = np.ones(self.num), np.zeros(self.num)
         self._table_height = parameters.get("table_height", zero)
         self._box_offset = parameters.get("object_offset", np.zeros((self.num, 2)))
+        tilt, size = parameters.get("table_tilt"), parameters.get("object_size", one)
+        self._tilt = tilt if tilt is not None and tilt.any() else None
+        nominal = pushing_distance(self._task)
+        self._half_height = size * self._task.box_size[2] / 2
+        self._pushing_distance = (nominal + (size - 1.0) * (nominal - CONTACT_GAP))[:, None]
         gain = parameters.get("gain", np.ones((self.num, 7))).mean(axis=1)
         friction, mass = parameters.get("contact_friction", one), parameters.get("object_mass", one)
         self._robot = np.stack([friction, mass, gain, parameters.get("latency", zero) / self.control_period], axis=1)

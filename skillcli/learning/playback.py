@@ -31,6 +31,9 @@ class RecordedEnvironment(Protocol):
     def snapshot(self) -> dict[str, Array]:
         """What a recording keeps of the present moment, and among it the point that is judged."""
 
+    def violations(self) -> Array:
+        """Which limits of `SAFETY_LIMITS` the present state breaks, (N, K) bool; K is 0 where there are none."""
+
 
 def play(
     env: RecordedEnvironment, act: Act, latent: Array, skill: Array, steps: Array | None = None
@@ -53,6 +56,7 @@ def play(
     observations = [env.observe()]
     length = np.full(num, last) if steps is None else steps.copy()
     failed = np.zeros(num, dtype=bool)
+    broken = np.zeros_like(env.violations(), dtype=np.int32)
     for t in range(last):
         running = t < length
         step = env.step(act(observations[-1], latent[:, t]))
@@ -61,6 +65,7 @@ def play(
         actions.append(np.where(running[:, None], env.applied, 0.0))
         failing = running & step.terminated
         length[failing] = t + 1
+        broken += env.violations() & running[:, None]
         failed |= failing
         moments.append(_frozen(env.snapshot(), moments[-1], ~running | failing))
     state = {name: np.stack([moment[name] for moment in moments], axis=1) for name in moments[0]}
@@ -73,6 +78,7 @@ def play(
         target=env.target.copy(),
         success=~failed,
         length=length,
+        violations=broken if broken.shape[1] else None,
         **{name: values.astype(np.float32) for name, values in state.items()},
     )
     near = metrics.final_distance(recording) <= env.tolerance
