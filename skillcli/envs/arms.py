@@ -10,14 +10,13 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from skillcli.envs.sawyer import JOINTS, LIMIT_MARGIN
+from skillcli.envs.sawyer import GRIPPER, LIMIT_MARGIN, NAMES, Names
 
 Array = NDArray[Any]
 # Positions and velocities at the new state; a persistent batch goes on from there, so they cost nothing extra.
 _NEW_STATE = int(mujoco.mjtStage.mjSTAGE_VEL)
 
 OBJECT = "box"
-FINGER = ("palm", "rod")  # the geoms that touch it
 
 
 class Arms:
@@ -27,27 +26,39 @@ class Arms:
     It lives in the simulation's control vector, so a saved row is the whole state.
 
     Args:
-        model: has the joints right_j0..right_j6 with one position servo each, in that order, the site "gripper" and the
-            geom "table"; it may have one object, a body "box" with a free joint and a geom of that name.
+        model: has seven joints with one position servo each, whose controls follow each other in that order, the site
+            "gripper" and the geom "table"; it may have one object, a body "box" with a free joint and a geom of that name.
         num: simulations.
         substeps: physics steps per control step.
         action_limit: largest joint increment per control step, rad.
         threads: of the engine; results do not depend on it. 0 takes all cores.
+        names: what the model calls its joints, servos and finger.
     """
 
     # The target may lead the arm by this much, rad: the servos lag 0.08 rad at full speed, and an arm that is held back
     # must not wind its target up.
     LEASH = 0.2
 
-    def __init__(self, model: mujoco.MjModel, num: int, substeps: int, action_limit: float, threads: int = 0) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        num: int,
+        substeps: int,
+        action_limit: float,
+        threads: int = 0,
+        names: Names = NAMES,
+    ) -> None:
         self.model, self.num, self.substeps, self.action_limit = model, num, substeps, action_limit
         self.batch = Batch(model, num, threads, persistent=True)
-        joints = [model.joint(name) for name in JOINTS]
+        self.names = names
+        joints = [model.joint(name) for name in names.joints]
+        servos = [model.actuator(name).id for name in names.servos]
         self._qpos_address = np.array([joint.qposadr[0] for joint in joints])
-        limits = np.array([joint.range for joint in joints])
+        limits = np.array([joint.range if model.jnt_limited[joint.id] else (-np.inf, np.inf) for joint in joints])
         self._low, self._high = limits[:, 0] + LIMIT_MARGIN, limits[:, 1] - LIMIT_MARGIN
-        self._qpos, self._ctrl = self.batch.bind("qpos"), self.batch.bind("ctrl")
-        self._site = self.batch.bind("site_xpos")[:, model.site("gripper").id]
+        first = model.actuator_ctrladr[servos[0]]
+        self._qpos, self._ctrl = self.batch.bind("qpos"), self.batch.bind("ctrl")[:, first : first + len(servos)]
+        self._site = self.batch.bind("site_xpos")[:, model.site(GRIPPER).id]
         self._has_object = any(model.joint(j).name == OBJECT for j in range(model.njnt))
         if self._has_object:
             joint = model.joint(OBJECT)
@@ -56,7 +67,7 @@ class Arms:
             self._qvel = self.batch.bind("qvel")
         self._default_row = self.batch.state[0].copy()
         self._perturbed: set[str] = set()  # model fields that differ between simulations
-        self._history = self.batch.bind("history") if model.nhistory else None
+        self._memory = _Memory(self.batch, servos)
 
     @property
     def joint_position(self) -> Array:
@@ -93,10 +104,7 @@ class Arms:
         if object_pose is not None:
             self._qpos[ids, self._object_qpos] = object_pose
         self._ctrl[ids] = q
-        if self._history is not None:  # else the servos would first obey a history of zeros
-            blocks = self._history.reshape(self.num, len(JOINTS), -1)  # per servo: two counters, n times, n values
-            samples = (blocks.shape[2] - 2) // 2
-            blocks[ids, :, 2 + samples :] = q[..., None]
+        self._memory.fill(ids, q)  # else the servos would first obey a memory of zeros
         self.batch.forward(np.sort(ids), stage=_NEW_STATE)
 
     def move(self, increment: Array) -> Array:
@@ -130,11 +138,11 @@ class Arms:
                 engine's business.
         """
         batch, model = self.batch, self.model
-        dofs = np.array([model.joint(name).dofadr[0] for name in JOINTS])
-        links = np.array([model.joint(name).bodyid[0] for name in JOINTS])
-        servos = np.array([model.actuator(name).id for name in JOINTS])
+        dofs = np.array([model.joint(name).dofadr[0] for name in self.names.joints])
+        links = np.array([model.joint(name).bodyid[0] for name in self.names.joints])
+        servos = np.array([model.actuator(name).id for name in self.names.servos])
         table = model.geom("table").id
-        touching = np.array([model.geom(name).id for name in ("table", *((OBJECT, *FINGER) if self._has_object else ()))])
+        touching = np.array([model.geom(name).id for name in ("table", *((OBJECT, *self.names.finger) if self._has_object else ()))])
         objects = np.array([model.body(OBJECT).id] if self._has_object else [], dtype=int)
         changed: dict[str, list[tuple[str, tuple[Any, ...], bool]]] = {
             # parameter: model field, where in it, and whether it is scaled, else added to
@@ -164,3 +172,26 @@ class Arms:
         """(N,) bool: whose state is no longer finite."""
         broken: Array = ~np.isfinite(self._qpos).all(axis=1)
         return broken
+
+
+class _Memory:
+    """What servos remember of their commands: those that are delayed, and the state of those that filter them."""
+
+    def __init__(self, batch: Batch, servos: list[int]) -> None:
+        model = batch.model
+        self._history = batch.bind("history") if model.nhistory else None
+        self._act = batch.bind("act") if model.na else None
+        # per actuator: two counters, n times, n values
+        self._values = [
+            (joint, model.actuator_historyadr[servo] + 2 + samples + np.arange(samples))
+            for joint, servo in enumerate(servos)
+            if (samples := model.actuator_history[servo, 0])
+        ]
+        self._filters = [(joint, adr) for joint, servo in enumerate(servos) if (adr := model.actuator_actadr[servo]) >= 0]
+
+    def fill(self, ids: Array, q: Array) -> None:
+        """Let the servos of these simulations remember nothing but the targets (n, 7) rad."""
+        for joint, values in self._values:
+            self._history[np.ix_(ids, values)] = q[:, [joint]]
+        for joint, address in self._filters:
+            self._act[ids, address] = q[:, joint]
