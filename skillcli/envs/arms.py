@@ -142,7 +142,9 @@ class Arms:
         links = np.array([model.joint(name).bodyid[0] for name in self.names.joints])
         servos = np.array([model.actuator(name).id for name in self.names.servos])
         table = model.geom("table").id
-        touching = np.array([model.geom(name).id for name in ("table", *((OBJECT, *self.names.finger) if self._has_object else ()))])
+        touching = np.array(
+            [model.geom(name).id for name in ("table", *((OBJECT, *self.names.finger) if self._has_object else ()))]
+        )
         objects = np.array([model.body(OBJECT).id] if self._has_object else [], dtype=int)
         changed: dict[str, list[tuple[str, tuple[Any, ...], bool]]] = {
             # parameter: model field, where in it, and whether it is scaled, else added to
@@ -179,8 +181,7 @@ class _Memory:
 
     def __init__(self, batch: Batch, servos: list[int]) -> None:
         model = batch.model
-        self._history = batch.bind("history") if model.nhistory else None
-        self._act = batch.bind("act") if model.na else None
+        self._history, self._act = batch.bind("history"), batch.bind("act")  # (N, 0) where nothing is remembered
         # per actuator: two counters, n times, n values
         self._values = [
             (joint, model.actuator_historyadr[servo] + 2 + samples + np.arange(samples))

@@ -16,6 +16,8 @@ from skillcli.section import Section, value
 
 Quaternion = tuple[float, float, float, float]
 SEVEN = 7
+_EXAMPLE = "docs/robots.md has an example"
+_LENGTHS = {"pos": "three", "quat": "four"}
 
 
 class Frame(Section):
@@ -125,12 +127,15 @@ def _explain(error: ValidationError) -> tuple[str, str]:
     key = ".".join(where)
     if first["type"] == "extra_forbidden":
         return f"unknown key {key!r}", f"keys here: {', '.join(_keys(where[:-1]))}"
+    if where and (where[-1].isdigit() or first["type"] == "too_long"):  # a list of joints or coordinates
+        name = ".".join(part for part in where if not part.isdigit())
+        return f"{name}: expected {_LENGTHS.get(where[-2] if where[-1].isdigit() else where[-1], 'seven')} numbers", _EXAMPLE
     if first["type"] == "missing":
-        return f"{key!r} is missing", "docs/robots.md has an example"
+        return f"{key!r} is missing", _EXAMPLE
     got = first.get("input")
     shown = "" if isinstance(got, dict | list) or got is None else f", got {got!r}"
     said = first["msg"].removeprefix("Value error, ")
-    return (f"{key}: " if key else "") + said + shown, "docs/robots.md has an example"
+    return (f"{key}: " if key else "") + said + shown, _EXAMPLE
 
 
 def _keys(where: list[str]) -> list[str]:

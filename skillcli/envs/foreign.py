@@ -1,9 +1,8 @@
-"""A foreign arm out of its MJCF: alone, without the scene it came in, driven by seven position servos, behind our table."""
+"""A foreign arm behind our table: alone, driven by seven position servos, with a finger."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from itertools import pairwise
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,15 @@ import numpy as np
 
 from skillcli.envs import sawyer
 from skillcli.envs.description import Description, Gripper
+from skillcli.envs.mjcf import (
+    check_joints,
+    compile_model,
+    drop_missing_files,
+    drop_scene,
+    lock_loose_joints,
+    read_mjcf,
+    upwards,
+)
 from skillcli.envs.servos import Servo, add_servo, find_servos
 from skillcli.errors import UsageError
 
@@ -19,7 +27,6 @@ PREFIX = "robot/"  # of all names of the foreign model, so that none is one of o
 # Flags of a model that would switch off what a task needs, and one that would hide an unstable simulation.
 _NEEDED = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_ACTUATION | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
 _AUTORESET = mujoco.mjtDisableBit.mjDSBL_AUTORESET
-_HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
 
 
 def build(path: Path, description: Description) -> tuple[mujoco.MjSpec, sawyer.Names, list[Servo], list[str]]:
@@ -32,16 +39,16 @@ def build(path: Path, description: Description) -> tuple[mujoco.MjSpec, sawyer.N
     Raises:
         UsageError: the model does not fit the description, or cannot be simulated.
     """
-    child = _read(path)
-    notes = _drop_missing_files(child, path)
-    _check_joints(child, description.joints)
-    _drop_scene(child, description.joints)
-    notes += _lock_loose_joints(child, description.joints)
+    child = read_mjcf(path)
+    missing = drop_missing_files(child, path)
+    check_joints(child, description.joints)
+    drop_scene(child, description.joints)
+    locked = lock_loose_joints(child, description.joints)
     model = compile_model(child, path)
-    if notes and not (model.geom_contype | model.geom_conaffinity)[model.body_weldid[model.geom_bodyid] > 0].any():
-        raise UsageError("model: nothing of the arm is left that can touch anything", f"{notes[0]}; put the files there")
+    if missing and not (model.geom_contype | model.geom_conaffinity).any():
+        raise UsageError("model: nothing is left of the arm that can touch anything", f"{missing[0]}; put the files there")
     servos, replaced = find_servos(model, description.joints, description.actuators, description.gains)
-    holder, pos, quat = _gripper_frame(child, model, description.gripper)
+    holder, pos, quat = _gripper_frame(child, model, description)
     geoms = None if description.finger is None else _finger_geoms(child, description.finger)
     for index in sorted(replaced, reverse=True):
         child.delete(child.actuators[index])
@@ -50,145 +57,22 @@ def build(path: Path, description: Description) -> tuple[mujoco.MjSpec, sawyer.N
     _put_finger(scene.body(PREFIX + holder), pos, quat, own=geoms is not None, default=scene.default)
     finger = sawyer.NAMES.finger if geoms is None else tuple(PREFIX + name for name in geoms)
     names = sawyer.Names(tuple(PREFIX + name for name in description.joints), sawyer.NAMES.servos, finger)
-    return scene, names, servos, notes
+    weighed = ["settotalmass is not applied: the masses are those of the links"] if child.compiler.settotalmass > 0 else []
+    return scene, names, servos, missing + locked + weighed
 
 
-def _read(path: Path) -> mujoco.MjSpec:
-    if not path.is_file():
-        raise UsageError(f"model: no file {path}", "the path is relative to the robot file")
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-    except (ValueError, RuntimeError, mujoco.FatalError) as error:
-        raise UsageError(f"model: {path.name} is not MJCF: {_line(error)}", "MuJoCo's own XML is asked for") from error
-    spec.compiler.fusestatic = spec.compiler.discardvisual = False  # either could take the gripper's body or our geoms away
-    return spec
-
-
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split())
-
-
-def compile_model(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
-    """The compiled model.
-
-    Raises:
-        UsageError: MuJoCo refuses it.
-    """
-    try:
-        return spec.compile()
-    except (ValueError, RuntimeError, mujoco.FatalError) as error:
-        raise UsageError(
-            f"model: MuJoCo cannot compile {path.name}: {_line(error)}",
-            "a link whose meshes are missing needs an <inertial> of its own" if "mass" in str(error) else "mend the MJCF",
-        ) from error
-
-
-def _drop_missing_files(spec: mujoco.MjSpec, path: Path) -> list[str]:
-    """Leave out what is only for the eye, and whatever needs a file that is not there."""
-    for element in [*spec.skins, *spec.textures]:
-        spec.delete(element)
-    for material in spec.materials:
-        material.textures = [""] * len(material.textures)
-    gone = {"mesh": set(), "hfield": set()}  # type: dict[str, set[str]]
-    for kind, assets in (("mesh", spec.meshes), ("hfield", spec.hfields)):
-        for asset in list(assets):
-            if asset.file and not _asset_file(spec, asset, path).is_file():
-                gone[kind].add(asset.name or Path(asset.file).stem)
-                spec.delete(asset)
-    dropped = [geom for geom in spec.geoms if geom.meshname in gone["mesh"] or geom.hfieldname in gone["hfield"]]
-    touching = sum(bool(geom.contype or geom.conaffinity) for geom in dropped)
-    for geom in dropped:
-        spec.delete(geom)
-    if not gone["mesh"]:
-        return []
-    return [f"{len(gone['mesh'])} mesh files are missing: {len(dropped)} geoms left out, {touching} of them could touch"]
-
-
-def _asset_file(spec: mujoco.MjSpec, asset: Any, path: Path) -> Path:
-    name = Path(asset.file).name if spec.strippath else asset.file
-    return path.parent / spec.meshdir / name
-
-
-def _check_joints(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
-    known = {joint.name: joint for joint in spec.joints}
-    for name in joints:
-        if name not in known:
-            raise UsageError(
-                f"joints: no joint {name!r} in the model", f"joints there: {', '.join(filter(None, known)) or 'none'}"
-            )
-        if known[name].type != _HINGE:
-            raise UsageError(f"joints: {name!r} is not a hinge", "the arm has seven joints that turn")
-    for inner, outer in pairwise(joints):
-        if known[inner].parent.name not in [body.name for body in _upwards(known[outer].parent)]:
-            raise UsageError(f"joints: {outer!r} does not hang on {inner!r}", "name the seven from the base to the hand")
-
-
-def _upwards(body: Any) -> Iterable[Any]:
-    """A body and all that carry it, the world last."""
-    while body is not None:
-        yield body
-        body = body.parent
-
-
-def _drop_scene(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
-    """Keep the tree that the arm stands in; what does not move in it cannot be touched: the task has its own table."""
-    for element in [*spec.keys, *spec.sensors, *spec.cameras, *spec.lights, *spec.worldbody.geoms]:
-        spec.delete(element)
-    root = [*_upwards(spec.joint(joints[0]).parent)][-2]
-    for body in list(spec.worldbody.bodies):
-        if body.id != root.id or body.name != root.name:
-            spec.delete(body)
-    for body in spec.bodies:
-        if not any(part.joints for part in _upwards(body)):
-            for geom in body.geoms:
-                geom.contype = geom.conaffinity = 0
-
-
-def _lock_loose_joints(spec: mujoco.MjSpec, joints: Sequence[str]) -> list[str]:
-    """Weld the extra joints that nothing in the model holds, where they stand at their reference."""
-    named, bodies = _holds(spec)
-    loose = []
-    for joint in list(spec.joints):
-        if joint.name in joints:
-            continue
-        below = [joint.parent, *joint.parent.find_all("body")]
-        carries_arm = any(part.name in joints for body in below for part in body.joints)
-        held = joint.name in named or any(joint.stiffness) or (not carries_arm and any(body.name in bodies for body in below))
-        if not (held and joint.type in (_HINGE, _SLIDE)):
-            loose.append(joint)
-    names = ", ".join(joint.name or "unnamed" for joint in loose)
-    for joint in loose:
-        spec.delete(joint)
-    return [f"joints that nothing holds are locked: {names}"] if loose else []
-
-
-def _holds(spec: mujoco.MjSpec) -> tuple[set[str], set[str]]:
-    """Joints, and bodies, that an actuator, a tendon or an equality acts on."""
-    joints, bodies = set(), set()
-    transmission, kind = mujoco.mjtTrn, mujoco.mjtEq
-    sites = {site.name: site.parent.name for site in spec.sites}
-    for actuator in spec.actuators:
-        if actuator.trntype in (transmission.mjTRN_JOINT, transmission.mjTRN_JOINTINPARENT):
-            joints.add(actuator.target)
-        elif actuator.trntype == transmission.mjTRN_SITE:
-            bodies.add(sites.get(actuator.target, ""))
-    for tendon in spec.tendons:
-        for wrap in tendon.path:
-            if wrap.type == mujoco.mjtWrap.mjWRAP_JOINT:
-                joints.add(wrap.target.name)
-            elif wrap.type == mujoco.mjtWrap.mjWRAP_SITE:
-                bodies.add(wrap.target.parent.name)
-    for equality in spec.equalities:
-        ends = {equality.name1, equality.name2} - {""}
-        if equality.type == kind.mjEQ_JOINT:
-            joints |= ends
-        elif equality.type in (kind.mjEQ_CONNECT, kind.mjEQ_WELD):
-            bodies |= {sites.get(end, end) for end in ends}
-    return joints - {""}, bodies - {""}
-
-
-def _gripper_frame(spec: mujoco.MjSpec, model: mujoco.MjModel, gripper: Gripper) -> tuple[str, list[float], list[float]]:
+def _gripper_frame(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, description: Description
+) -> tuple[str, list[float], list[float]]:
     """The gripper's body, and its pose there."""
+    holder, pos, quat = _place_on_body(spec, model, description.gripper)
+    last = description.joints[-1]
+    if spec.joint(last).parent.name not in [body.name for body in upwards(spec.body(holder))]:
+        raise UsageError(f"gripper: {holder!r} does not move with {last!r}", "it must hang on the last joint")
+    return holder, pos, quat
+
+
+def _place_on_body(spec: mujoco.MjSpec, model: mujoco.MjModel, gripper: Gripper) -> tuple[str, list[float], list[float]]:
     if gripper.body:
         known = [body.name for body in spec.bodies[1:]]
         if gripper.body not in known:
@@ -203,7 +87,6 @@ def _gripper_frame(spec: mujoco.MjSpec, model: mujoco.MjModel, gripper: Gripper)
             f"gripper.site: no site {gripper.site!r} in the arm",
             f"sites there: {', '.join(known) or 'none'}; or give body, pos and quat",
         )
-    found.parent.name = found.parent.name or "hand"
     site = model.site(gripper.site)
     return found.parent.name, site.pos.tolist(), site.quat.tolist()
 
@@ -246,6 +129,7 @@ def _mount(child: mujoco.MjSpec, description: Description, servos: list[Servo]) 
     scene.option.disableflags = child.option.disableflags = flags
     scene.option.enableflags = child.option.enableflags = 0
     scene.option.disableactuator = child.option.disableactuator = 0
+    child.memory = scene.memory  # else the two would be reported to disagree
     sawyer.add_table(scene)
     for name, servo in zip(sawyer.NAMES.servos, servos, strict=True):
         add_servo(scene, name, PREFIX + servo.joint, servo)

@@ -77,9 +77,7 @@ class PushEnvironment(ArmEnvironment):
     privileged_size = 11
     failure_reward = LOST
 
-    def __init__(
-        self, task: PushTask, num: int, threads: int = 0, delay: bool = False, robot: Robot | None = None
-    ) -> None:
+    def __init__(self, task: PushTask, num: int, threads: int = 0, delay: bool = False, robot: Robot | None = None) -> None:
         self._half = np.array(task.box_size) / 2
         self._pushing_distance = pushing_distance(task)
         self._box_start = np.array(task.box_start)

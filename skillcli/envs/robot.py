@@ -16,13 +16,15 @@ import numpy as np
 from skillcli.envs import foreign, sawyer
 from skillcli.envs.description import Description, blaming, read_description
 from skillcli.envs.environment import Array
+from skillcli.envs.mjcf import compile_model
 from skillcli.envs.servos import Servo
 from skillcli.errors import UsageError
 from skillcli.recipe import ArmTask, PushTask, ReachTask
 
 # Skills see joint angles and move them: at one pose the gripper must be about where the source has it, each joint turning
 # about much the same axis. Another arm of the same build is within centimetres; wrong conventions are not.
-FARTHEST = 0.25  # m
+FARTHEST, NOTICED = 0.25, 0.05  # m
+OVERLAP = 0.002  # m
 LEAST_COSINE = math.cos(math.radians(45))
 
 
@@ -46,6 +48,7 @@ class Robot:
     fingerprint: str
     summary: dict[str, Any]
     scene: mujoco.MjSpec  # behind our table; a task works on a copy
+    model: mujoco.MjModel  # the scene, compiled
 
     def start(self, task: ArmTask) -> tuple[float, ...]:
         """Joint vector at reset, (7,) rad."""
@@ -65,9 +68,19 @@ class Robot:
             if isinstance(task, PushTask) and not self.names.finger:
                 raise UsageError("finger: [] leaves nothing to push with", "name its geoms, or leave `finger` out for ours")
             spec = self.scene.copy()
-            _check_start(spec, self.names, self.start(task), self.description.start is not None)
+            self._check_start(task)
             sawyer.set_clock(spec, self._timestep(task.control_period, spec.option.timestep), delay)
         return spec
+
+    def _check_start(self, task: ArmTask) -> None:
+        for name, shown, angle in zip(self.names.joints, self.description.joints, self.start(task), strict=True):
+            joint = self.model.joint(name)
+            low, high = joint.range
+            if self.model.jnt_limited[joint.id] and not low <= angle <= high:
+                raise UsageError(
+                    f"start: joint {shown!r} at {angle:g} rad is outside of its range {low:g} .. {high:g}",
+                    "mend `start`" if self.description.start else "the task starts there; give a `start` within the ranges",
+                )
 
     def _timestep(self, period: float, own: float) -> float:
         """The time step asked for, or the longest that is not above the model's own; the control period is a multiple of it."""
@@ -91,10 +104,12 @@ def load_robot(path: Path) -> Robot:
     with blaming(path):
         description = read_description(path)
         scene, names, servos, notes = foreign.build(path.parent / description.model, description)
-        if description.timestep is not None:
-            scene.option.timestep = description.timestep
-        model = foreign.compile_model(scene, Path(description.model))
+        sawyer.set_clock(scene, description.timestep or scene.option.timestep, delay=False)
+        model = compile_model(scene, Path(description.model))
         away = _check_conventions(model, names, description.joints)
+        if np.linalg.norm(away) > NOTICED:
+            notes.append(f"at the task's start the gripper is {100 * np.linalg.norm(away):.0f} cm from where the source has it")
+        notes += _collisions(model, names)
     return Robot(
         path=path,
         description=description,
@@ -103,20 +118,8 @@ def load_robot(path: Path) -> Robot:
         fingerprint=_fingerprint(description, scene, model),
         summary=_summary(path, description, model, servos, notes, away),
         scene=scene,
+        model=model,
     )
-
-
-def _check_start(spec: mujoco.MjSpec, names: sawyer.Names, start: tuple[float, ...], own: bool) -> None:
-    model = spec.compile()
-    for name, angle in zip(names.joints, start, strict=True):
-        joint = model.joint(name)
-        low, high = joint.range
-        if model.jnt_limited[joint.id] and not low <= angle <= high:
-            shown = name.removeprefix(foreign.PREFIX)
-            raise UsageError(
-                f"start: joint {shown!r} at {angle:g} rad is outside of its range {low:g} .. {high:g}",
-                "mend `start`" if own else "the task starts there; give a `start` within the ranges of this robot",
-            )
 
 
 def _check_conventions(model: mujoco.MjModel, names: sawyer.Names, joints: tuple[str, ...]) -> Array:
@@ -145,12 +148,26 @@ def _check_conventions(model: mujoco.MjModel, names: sawyer.Names, joints: tuple
 
 def posture(model: mujoco.MjModel, names: sawyer.Names, start: tuple[float, ...]) -> tuple[Array, Array]:
     """Where the gripper is, (3,) m, and about what the joints turn, (7, 3), with the arm at joint angles (7,) rad."""
+    data = _posed(model, names, start)
+    axes = np.stack([data.xaxis[model.joint(name).id] for name in names.joints])
+    return data.site(sawyer.GRIPPER).xpos.copy(), axes
+
+
+def _posed(model: mujoco.MjModel, names: sawyer.Names, start: tuple[float, ...]) -> mujoco.MjData:
     data = mujoco.MjData(model)
     for name, angle in zip(names.joints, start, strict=True):
         data.joint(name).qpos[0] = angle
-    mujoco.mj_kinematics(model, data)
-    axes = np.stack([data.xaxis[model.joint(name).id] for name in names.joints])
-    return data.site(sawyer.GRIPPER).xpos.copy(), axes
+    mujoco.mj_fwdPosition(model, data)
+    return data
+
+
+def _collisions(model: mujoco.MjModel, names: sawyer.Names) -> list[str]:
+    """A note where parts overlap at the reach task's start: joints may be stuck there."""
+    data = _posed(model, names, ReachTask().start)
+    deep = [contact.geom for contact in data.contact if contact.dist < -OVERLAP]
+    pairs = {tuple(model.body(model.geom_bodyid[geom]).name.removeprefix(foreign.PREFIX) for geom in pair) for pair in deep}
+    shown = ", ".join(sorted(" and ".join(pair) for pair in pairs))
+    return [f"at the task's start these overlap, an <exclude> may be missing: {shown}"] if pairs else []
 
 
 def _shown(vector: Array) -> str:

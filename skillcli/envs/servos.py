@@ -91,11 +91,14 @@ def _acting_on(model: mujoco.MjModel, joint: str) -> list[int]:
 def _named(model: mujoco.MjModel, name: str, joint: str, acting: list[int]) -> int:
     names = {model.actuator(i).name: i for i in range(model.nactuator)}
     if name not in names:
-        raise UsageError(f"actuators: no actuator {name!r} in the model", f"actuators: {', '.join(filter(None, names)) or 'none'}")
+        raise UsageError(
+            f"actuators: no actuator {name!r} in the model", f"actuators: {', '.join(filter(None, names)) or 'none'}"
+        )
     if names[name] not in acting:
         there = ", ".join(repr(model.actuator(i).name) for i in acting) or "none"
         raise UsageError(
-            f"actuators: {name!r} does not drive joint {joint!r}", f"name them in the order of the joints; on {joint!r}: {there}"
+            f"actuators: {name!r} does not drive joint {joint!r}",
+            f"name them in the order of the joints; on {joint!r}: {there}",
         )
     return names[name]
 
@@ -150,7 +153,7 @@ def _normalised(model: mujoco.MjModel, joint: str, i: int) -> Servo:
     )
 
 
-def _reflected(model: mujoco.MjModel, chosen: list[int]) -> dict[str, float]:
+def _reflected(model: mujoco.MjModel, chosen: list[int]) -> dict[str, Any]:
     """What a transmission adds to its joint."""
     return {
         "damping": sum(float(model.actuator_damping[i]) * _gear(model, i) ** 2 for i in chosen),

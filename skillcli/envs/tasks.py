@@ -78,8 +78,8 @@ def make(task: Task, num: int, threads: int = 0, delay: bool = False, robot: Rob
     return ReachEnvironment(task, num, threads, delay, robot)
 
 
-def _spec_of(task: ReachTask | PushTask, robot: Robot | None = None) -> mujoco.MjSpec:
-    return push_spec(task, robot=robot) if isinstance(task, PushTask) else reach_spec(task, robot=robot)
+def _spec_of(task: ReachTask | PushTask) -> mujoco.MjSpec:
+    return push_spec(task) if isinstance(task, PushTask) else reach_spec(task)
 
 
 def model_of(task: Task) -> mujoco.MjModel | None:
@@ -88,7 +88,7 @@ def model_of(task: Task) -> mujoco.MjModel | None:
 
 
 def model_fingerprint(task: Task) -> str:
-    """SHA-256 of the task's model; empty for the point."""
+    """SHA-256 of the task's model with the Sawyer; empty for the point. Other robots have a fingerprint of their own."""
     return "" if isinstance(task, PointTask) else sawyer.fingerprint(_spec_of(task))
 
 
