@@ -67,7 +67,7 @@ class Arms:
             self._qvel = self.batch.bind("qvel")
         self._default_row = self.batch.state[0].copy()
         self._perturbed: set[str] = set()  # model fields that differ between simulations
-        self._memory = _Memory(self.batch, servos)
+        self._memory = _Memory(self.batch, servos, substeps)
 
     @property
     def joint_position(self) -> Array:
@@ -104,7 +104,7 @@ class Arms:
         if object_pose is not None:
             self._qpos[ids, self._object_qpos] = object_pose
         self._ctrl[ids] = q
-        self._memory.fill(ids, q)  # else the servos would first obey a memory of zeros
+        self._memory.fill(ids, q[:, None])  # else the servos would first obey a memory of zeros
         self.batch.forward(np.sort(ids), stage=_NEW_STATE)
 
     def move(self, increment: Array) -> Array:
@@ -179,8 +179,8 @@ class Arms:
 class _Memory:
     """What servos remember of their commands: those that are delayed, and the state of those that filter them."""
 
-    def __init__(self, batch: Batch, servos: list[int]) -> None:
-        model = batch.model
+    def __init__(self, batch: Batch, servos: list[int], substeps: int) -> None:
+        model, self._substeps = batch.model, substeps
         self._history, self._act = batch.bind("history"), batch.bind("act")  # (N, 0) where nothing is remembered
         # per actuator: two counters, n times, n values
         self._values = [
@@ -190,9 +190,16 @@ class _Memory:
         ]
         self._filters = [(joint, adr) for joint, servo in enumerate(servos) if (adr := model.actuator_actadr[servo]) >= 0]
 
-    def fill(self, ids: Array, q: Array) -> None:
-        """Let the servos of these simulations remember nothing but the targets (n, 7) rad."""
+    def fill(self, ids: Array, commands: Array) -> None:
+        """Let the servos of these simulations remember the targets of the last control steps, and nothing older.
+
+        Args:
+            ids: (n,) simulations.
+            commands: (n, c, 7) rad, the present target last; before the first, the first was held.
+        """
+        last = commands.shape[1] - 1
         for joint, values in self._values:
-            self._history[np.ix_(ids, values)] = q[:, [joint]]
+            steps_ago = np.arange(len(values) - 1, -1, -1) // self._substeps
+            self._history[np.ix_(ids, values)] = commands[:, np.maximum(last - steps_ago, 0), joint]
         for joint, address in self._filters:
-            self._act[ids, address] = q[:, joint]
+            self._act[ids, address] = commands[:, -1, joint]

@@ -106,6 +106,12 @@ def load_robot(path: Path) -> Robot:
         scene, names, servos, notes = foreign.build(path.parent / description.model, description)
         sawyer.set_clock(scene, description.timestep or scene.option.timestep, delay=False)
         model = compile_model(scene, Path(description.model))
+        if _shakes(model, names, servos):
+            notes.append(
+                f"damping is integrated implicitly: with {_integrator(model)} the servos would shake at this time step"
+            )
+            scene.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+            model = compile_model(scene, Path(description.model))
         away = _check_conventions(model, names, description.joints)
         if np.linalg.norm(away) > NOTICED:
             notes.append(f"at the task's start the gripper is {100 * np.linalg.norm(away):.0f} cm from where the source has it")
@@ -120,6 +126,22 @@ def load_robot(path: Path) -> Robot:
         scene=scene,
         model=model,
     )
+
+
+def _integrator(model: mujoco.MjModel) -> str:
+    return str(mujoco.mjtIntegrator(model.opt.integrator).name).removeprefix("mjINT_").lower()
+
+
+def _shakes(model: mujoco.MjModel, names: sawyer.Names, servos: list[Servo]) -> bool:
+    """Whether the servos' damping, taken explicitly, overshoots in a time step h: the largest rate of M^-1 K_v above 1/h."""
+    if _integrator(model) not in ("euler", "rk4"):
+        return False
+    data = _posed(model, names, ReachTask().start)
+    inertia = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, inertia)
+    dofs = [model.joint(name).dofadr[0] for name in names.joints]
+    rates = np.linalg.eigvals(np.linalg.solve(inertia[np.ix_(dofs, dofs)], np.diag([servo.kv for servo in servos])))
+    return bool(model.opt.timestep * np.abs(rates).max() > 1)
 
 
 def _check_conventions(model: mujoco.MjModel, names: sawyer.Names, joints: tuple[str, ...]) -> Array:
@@ -194,7 +216,7 @@ def _summary(
         "own_servos": description.gains is None,
         "finger": finger,
         "timestep": float(model.opt.timestep),
-        "integrator": mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_").lower(),
+        "integrator": _integrator(model),
         "arm_mass_kg": float(model.body_mass.sum() - model.body("table").mass[0]),
         "gripper_from_source_m": [float(x) for x in away],
         "notes": notes,

@@ -264,6 +264,19 @@ def test_links_that_overlap_at_the_start_are_noted(tmp_path: Path) -> None:
     assert "fore2 and hand" in note and "exclude" in note
 
 
+@pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicit"])
+def test_servos_that_would_shake_are_integrated_implicitly(integrator: str, tmp_path: Path) -> None:
+    light = MODEL.replace('armature="0.6" damping="1.5"', 'armature="0"').replace("RK4", integrator)
+    robot = load_robot(described(tmp_path, TORQUE, light))
+    explicit = integrator != "implicit"
+    assert robot.summary["integrator"] == ("implicitfast" if explicit else "implicit") and len(robot.notes) == explicit
+    env = env_on(robot)
+    for action in np.random.default_rng(0).uniform(-1, 1, (20, 2, 7)):
+        step = env.step(action)
+        assert np.isfinite(step.observation).all() and not step.terminated.any()
+    assert np.abs(env.arms.batch.bind("qvel")).max() < 2
+
+
 REFUSED = [
     # robot file, model, what is said, what is hinted
     (TORQUE.replace("torque.xml", "nothing.xml"), MODEL, "model: no file .*nothing.xml", "relative to the robot file"),
