@@ -264,6 +264,23 @@ def test_links_that_overlap_at_the_start_are_noted(tmp_path: Path) -> None:
     assert "fore2 and hand" in note and "exclude" in note
 
 
+@pytest.mark.parametrize("task", [REACH, PUSH])
+def test_the_source_described_as_another_robot_moves_as_the_source(task: ReachTask | PushTask, tmp_path: Path) -> None:
+    text = f"""
+        model = "torque.xml"
+        joints = {list(sawyer.JOINTS)}
+        finger = ["finger"]
+        [gripper]
+        body = "finger"
+        pos = [0, 0, 0.15]
+    """
+    robot = load_robot(described(tmp_path, text, sawyer.MODEL_FILE.read_text(encoding="utf-8")))
+    assert robot.notes == () and robot.summary["gripper_from_source_m"] == pytest.approx([0, 0, 0], abs=1e-12)
+    twin, source = env_on(robot, task), make(task, 2, 1)
+    for action in np.random.default_rng(0).uniform(-1, 1, (10, 2, 7)):
+        np.testing.assert_allclose(twin.step(action).observation, source.step(action).observation, atol=1e-6)
+
+
 @pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicit"])
 def test_servos_that_would_shake_are_integrated_implicitly(integrator: str, tmp_path: Path) -> None:
     light = MODEL.replace('armature="0.6" damping="1.5"', 'armature="0"').replace("RK4", integrator)
