@@ -7,10 +7,11 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
-from skillcli.envs import disturbance, sensors
+from skillcli.envs import disturbance, sawyer, sensors
 from skillcli.envs.arms import Arms
 from skillcli.envs.disturbance import Disturbance
 from skillcli.envs.environment import Array, Step
+from skillcli.envs.robot import Robot
 from skillcli.envs.safety import RANGE_TOLERANCE, STIFF_TABLE_TOLERANCE, Clearance
 from skillcli.envs.sawyer import VELOCITY_LIMIT
 from skillcli.envs.sensors import Sensors
@@ -29,6 +30,7 @@ class ArmEnvironment:
         goals: (K, 3) m.
         num: simulations.
         threads: of the engine, 0 for all cores; results do not depend on it.
+        robot: whose arm stands in the scene, the source's where there is none.
     """
 
     observation_size = 10
@@ -37,15 +39,18 @@ class ArmEnvironment:
     failure_reward = 0.0  # of the step that fails
     table_tolerance = STIFF_TABLE_TOLERANCE
 
-    def __init__(self, task: ArmTask, spec: mujoco.MjSpec, goals: Array, num: int, threads: int) -> None:
+    def __init__(
+        self, task: ArmTask, spec: mujoco.MjSpec, goals: Array, num: int, threads: int, robot: Robot | None = None
+    ) -> None:
         self.num, self.horizon, self.tolerance = num, task.horizon, task.tolerance
         self.control_period = task.control_period
-        substeps = round(task.control_period / task.timestep)
-        self.arms = Arms(spec.compile(), num, substeps, task.action_limit, threads)
+        substeps = round(task.control_period / spec.option.timestep)
+        names = robot.names if robot else sawyer.NAMES
+        self.arms = Arms(spec.compile(), num, substeps, task.action_limit, threads, names)
         self.goals = goals
         self.target = np.zeros((num, 3))
         self.applied = np.zeros((num, 7))
-        self._start = np.array(task.start)
+        self._start = np.array(robot.start(task) if robot else task.start)
         self._start_offset = np.zeros((num, 7))  # rad
         self._elapsed = np.zeros(num, dtype=np.int64)
         self._joint_offset: Array | None = None  # rad

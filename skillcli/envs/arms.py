@@ -11,14 +11,13 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from skillcli.envs import table
-from skillcli.envs.sawyer import JOINTS, LIMIT_MARGIN
+from skillcli.envs.sawyer import GRIPPER, LIMIT_MARGIN, NAMES, Names
 
 Array = NDArray[Any]
 # Positions and velocities at the new state; a persistent batch goes on from there, so they cost nothing extra.
 _NEW_STATE = int(mujoco.mjtStage.mjSTAGE_VEL)
 
 OBJECT = "box"
-FINGER = ("palm", "rod")  # the geoms that touch it
 
 # An unstable simulation is a failed episode, and no reason to leave MUJOCO_LOG.TXT in the user's folder.
 _log = mujoco.MjLogConfig.get()
@@ -36,27 +35,39 @@ class Arms:
     It lives in the simulation's control vector, so a saved row is the whole state.
 
     Args:
-        model: has the joints right_j0..right_j6 with one position servo each, in that order, the site "gripper" and the
-            geom "table"; it may have one object, a body "box" with a free joint and a geom of that name.
+        model: has seven joints with one position servo each, whose controls follow each other in that order, the site
+            "gripper" and the geom "table"; it may have one object, a body "box" with a free joint and a geom of that name.
         num: simulations.
         substeps: physics steps per control step.
         action_limit: largest joint increment per control step, rad.
         threads: of the engine; results do not depend on it. 0 takes all cores.
+        names: what the model calls its joints, servos and finger.
     """
 
     # The target may lead the arm by this much, rad: the servos lag 0.08 rad at full speed, and an arm that is held back
     # must not wind its target up.
     LEASH = 0.2
 
-    def __init__(self, model: mujoco.MjModel, num: int, substeps: int, action_limit: float, threads: int = 0) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        num: int,
+        substeps: int,
+        action_limit: float,
+        threads: int = 0,
+        names: Names = NAMES,
+    ) -> None:
         self.model, self.num, self.substeps, self.action_limit = model, num, substeps, action_limit
         self.batch = Batch(model, num, threads, persistent=True)
-        joints = [model.joint(name) for name in JOINTS]
+        self.names = names
+        joints = [model.joint(name) for name in names.joints]
+        servos = [model.actuator(name).id for name in names.servos]
         self._qpos_address = np.array([joint.qposadr[0] for joint in joints])
-        limits = np.array([joint.range for joint in joints])
+        limits = np.array([joint.range if model.jnt_limited[joint.id] else (-np.inf, np.inf) for joint in joints])
         self._low, self._high = limits[:, 0] + LIMIT_MARGIN, limits[:, 1] - LIMIT_MARGIN
-        self._qpos, self._ctrl = self.batch.bind("qpos"), self.batch.bind("ctrl")
-        self._site = self.batch.bind("site_xpos")[:, model.site("gripper").id]
+        first = model.actuator_ctrladr[servos[0]]
+        self._qpos, self._ctrl = self.batch.bind("qpos"), self.batch.bind("ctrl")[:, first : first + len(servos)]
+        self._site = self.batch.bind("site_xpos")[:, model.site(GRIPPER).id]
         self._has_object = any(model.joint(j).name == OBJECT for j in range(model.njnt))
         if self._has_object:
             joint = model.joint(OBJECT)
@@ -65,7 +76,7 @@ class Arms:
         self._qvel = self.batch.bind("qvel")
         self._default_row = self.batch.state[0].copy()
         self._perturbed: set[str] = set()  # model fields that differ between simulations
-        self._history = self.batch.bind("history") if model.nhistory else None
+        self._memory = _Memory(self.batch, servos, substeps)
 
     @property
     def joint_position(self) -> Array:
@@ -76,12 +87,12 @@ class Arms:
     @property
     def joint_velocity(self) -> Array:
         """True joint speeds, (N, 7) rad/s."""
-        speed: Array = self._qvel[:, [self.model.joint(name).dofadr[0] for name in JOINTS]]
+        speed: Array = self._qvel[:, [self.model.joint(name).dofadr[0] for name in self.names.joints]]
         return speed
 
     def past_range(self) -> Array:
         """How far each joint is past the end of its range, (N, 7) rad; negative inside."""
-        low, high = np.array([self.model.joint(name).range for name in JOINTS]).T
+        low, high = np.array([self.model.joint(name).range for name in self.names.joints]).T
         arm = self.joint_position
         past: Array = np.maximum(low - arm, arm - high)
         return past
@@ -119,10 +130,7 @@ class Arms:
         if object_pose is not None:
             self._qpos[ids, self._object_qpos] = object_pose
         self._ctrl[ids] = q
-        if self._history is not None:  # else the servos would first obey a history of zeros
-            blocks = self._history.reshape(self.num, len(JOINTS), -1)  # per servo: two counters, n times, n values
-            samples = (blocks.shape[2] - 2) // 2
-            blocks[ids, :, 2 + samples :] = q[..., None]
+        self._memory.fill(ids, q[:, None])  # else the servos would first obey a memory of zeros
         self.batch.forward(np.sort(ids), stage=_NEW_STATE)
 
     def move(self, increment: Array, lateness: Array | None = None) -> Array:
@@ -168,11 +176,13 @@ class Arms:
                 engine's business.
         """
         batch, model = self.batch, self.model
-        dofs = np.array([model.joint(name).dofadr[0] for name in JOINTS])
-        links = np.array([model.joint(name).bodyid[0] for name in JOINTS])
-        servos = np.array([model.actuator(name).id for name in JOINTS])
+        dofs = np.array([model.joint(name).dofadr[0] for name in self.names.joints])
+        links = np.array([model.joint(name).bodyid[0] for name in self.names.joints])
+        servos = np.array([model.actuator(name).id for name in self.names.servos])
         top = model.geom("table").id
-        touching = np.array([model.geom(name).id for name in ("table", *((OBJECT, *FINGER) if self._has_object else ()))])
+        touching = np.array(
+            [model.geom(name).id for name in ("table", *((OBJECT, *self.names.finger) if self._has_object else ()))]
+        )
         objects = np.array([model.body(OBJECT).id] if self._has_object else [], dtype=int)
         boxes = np.array([model.geom(OBJECT).id] if self._has_object else [], dtype=int)
         changed: dict[str, list[tuple[str, tuple[Any, ...], int]]] = {
@@ -227,7 +237,7 @@ class Arms:
 
     def reported_shift(self, offset: Array) -> Array:
         """How far the gripper position computed from joint angles is off that are off by (N, 7) rad, (N, 3) m; first order."""
-        joints = [self.model.joint(name).id for name in JOINTS]
+        joints = [self.model.joint(name).id for name in self.names.joints]
         axis, anchor = self.batch.bind("xaxis")[:, joints], self.batch.bind("xanchor")[:, joints]
         shift: Array = np.einsum("nj,njk->nk", offset, np.cross(axis, self._site[:, None] - anchor))
         return shift
@@ -237,3 +247,32 @@ class Arms:
         far, fast = np.abs(self._qpos).max(axis=1), np.abs(self._qvel).max(axis=1)
         broken: Array = ~((far < _FARTHEST) & (fast < _FASTEST))
         return broken
+
+
+class _Memory:
+    """What servos remember of their commands: those that are delayed, and the state of those that filter them."""
+
+    def __init__(self, batch: Batch, servos: list[int], substeps: int) -> None:
+        model, self._substeps = batch.model, substeps
+        self._history, self._act = batch.bind("history"), batch.bind("act")  # (N, 0) where nothing is remembered
+        # per actuator: two counters, n times, n values
+        self._values = [
+            (joint, model.actuator_historyadr[servo] + 2 + samples + np.arange(samples))
+            for joint, servo in enumerate(servos)
+            if (samples := model.actuator_history[servo, 0])
+        ]
+        self._filters = [(joint, adr) for joint, servo in enumerate(servos) if (adr := model.actuator_actadr[servo]) >= 0]
+
+    def fill(self, ids: Array, commands: Array) -> None:
+        """Let the servos of these simulations remember the targets of the last control steps, and nothing older.
+
+        Args:
+            ids: (n,) simulations.
+            commands: (n, c, 7) rad, the present target last; before the first, the first was held.
+        """
+        last = commands.shape[1] - 1
+        for joint, values in self._values:
+            steps_ago = np.arange(len(values) - 1, -1, -1) // self._substeps
+            self._history[np.ix_(ids, values)] = commands[:, np.maximum(last - steps_ago, 0), joint]
+        for joint, address in self._filters:
+            self._act[ids, address] = commands[:, -1, joint]

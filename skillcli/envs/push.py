@@ -9,8 +9,9 @@ import numpy as np
 
 from skillcli.envs import sawyer, table
 from skillcli.envs.arm_environment import ArmEnvironment
-from skillcli.envs.arms import FINGER, OBJECT
+from skillcli.envs.arms import OBJECT
 from skillcli.envs.environment import Array
+from skillcli.envs.robot import Robot
 from skillcli.envs.safety import SOFT_TABLE_TOLERANCE
 from skillcli.recipe import PushTask
 
@@ -31,9 +32,9 @@ THROWN = 2.0  # m/s: three times what the fastest push gives it
 LOST = -15.0  # reward of losing the box: worse than any way of going on, else losing it would end the costs
 
 
-def push_spec(task: PushTask, delay: bool = False) -> mujoco.MjSpec:
+def push_spec(task: PushTask, delay: bool = False, robot: Robot | None = None) -> mujoco.MjSpec:
     """The scene of the task: the arm behind its table, and a box that can move freely."""
-    spec = sawyer.arm_spec(task.timestep, delay)
+    spec = robot.arm_spec(task, delay) if robot else sawyer.arm_spec(task.timestep, delay)
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = IMPRATIO
     half = np.array(task.box_size) / 2
@@ -51,7 +52,7 @@ def push_spec(task: PushTask, delay: bool = False) -> mujoco.MjSpec:
         solref=TABLE_SOLREF,
         solimp=TABLE_SOLIMP,
     )
-    for name in FINGER:
+    for name in (robot.names if robot else sawyer.NAMES).finger:
         finger = spec.geom(name)
         finger.priority, finger.condim = 3, 4  # and this against the box
         finger.friction, finger.solref, finger.solimp = [task.friction, TORSION, ROLLING], FINGER_SOLREF, FINGER_SOLIMP
@@ -78,7 +79,7 @@ class PushEnvironment(ArmEnvironment):
     failure_reward = LOST
     table_tolerance = SOFT_TABLE_TOLERANCE
 
-    def __init__(self, task: PushTask, num: int, threads: int = 0, delay: bool = False) -> None:
+    def __init__(self, task: PushTask, num: int, threads: int = 0, delay: bool = False, robot: Robot | None = None) -> None:
         self._task = task
         self._box_start = np.array(task.box_start)
         self._table_height, self._box_offset = np.zeros(num), np.zeros((num, 2))
@@ -87,7 +88,7 @@ class PushEnvironment(ArmEnvironment):
         self._pushing_distance: Array = np.full((num, 1), pushing_distance(task))
         self._robot = np.tile(np.array([1.0, 1.0, 1.0, 0.0]), (num, 1))
         goals = np.array([[*(self._box_start + goal), 0.0] for goal in task.goals])
-        super().__init__(task, push_spec(task, delay), goals, num, threads)
+        super().__init__(task, push_spec(task, delay, robot), goals, num, threads, robot)
 
     def place_object(self, ids: Array) -> Array:
         """See `ArmEnvironment`; at rest on the table."""
