@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -52,17 +52,21 @@ def blank(width: float, height: float) -> Figure:
 
 
 def encoded(drawn: Figure, suffix: str) -> bytes:
-    """The figure as one of `FORMATS`, without a date."""
+    """The figure as one of `FORMATS`, without a date. The first time finds its layout, which is then kept."""
     dated: dict[str, dict[str, Any]] = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
     stream = io.BytesIO()
     drawn.savefig(stream, format=suffix, dpi=DPI, metadata=dated[suffix])
+    drawn.set_layout_engine("none")
     return stream.getvalue()
 
 
-def skill_handles(names: Iterable[tuple[int, str]]) -> list[Line2D]:
-    """Entries of a legend for skills: index (-1: between skills) and name."""
+def skill_handles(names: Iterable[tuple[int, str]], marked: bool = True) -> list[Line2D]:
+    """Entries of a legend for skills: index (-1: between skills) and name; `marked` where markers are drawn too."""
     looks = [(look(skill), name) for skill, name in names]
-    return [Line2D([], [], color=each.color, ls=each.dash, marker=each.marker, ms=4, label=name) for each, name in looks]
+    return [
+        Line2D([], [], color=each.color, ls=each.dash, marker=each.marker if marked else "", ms=4, label=name)
+        for each, name in looks
+    ]
 
 
 def mark(label: str, marker: str, filling: str = "black", color: str = "black", size: float = 4) -> Line2D:
@@ -70,7 +74,8 @@ def mark(label: str, marker: str, filling: str = "black", color: str = "black", 
     return Line2D([], [], color=color, ls="none", marker=marker, mfc=filling, ms=size, mew=0.8, label=label)
 
 
-def legend(drawn: Figure, handles: list[Artist], width: int = 90) -> None:
+def legend(drawn: Figure, handles: Sequence[Artist], width: int = 105) -> None:
     """A legend below everything, in as many columns as `width` characters hold."""
     longest = max((len(str(handle.get_label())) for handle in handles), default=1)
-    drawn.legend(handles=handles, loc="outside lower center", ncols=max(1, min(len(handles), int(width / (longest + 9)))))
+    columns = max(1, min(len(handles), int(width / (longest + 9))))
+    drawn.legend(handles=[*handles], loc="outside lower center", ncols=columns)

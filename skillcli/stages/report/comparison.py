@@ -177,7 +177,7 @@ def _training(material: Material) -> Iterator[Row]:
         for what, form, group, path in (
             ("sampled latents that succeed", "{:.1%}", "results", ("success_rate",)),
             ("control steps", "{:,.0f}", "results", ("env_steps",)),
-            ("wall time", "{:.0f} s", "measured", ("wall_seconds",)),
+            ("wall time", "{:.3g} s", "measured", ("wall_seconds",)),
             ("sampling against the bare engine", "{:.2f}", "measured", ("throughput", "sampling_ratio")),
             ("training against the bare engine", "{:.2f}", "measured", ("throughput", "training_ratio")),
         ):

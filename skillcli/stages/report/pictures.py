@@ -236,9 +236,9 @@ def _success(material: Material) -> Plan | None:
     if not used:
         return None
     caption = (
-        "Share of episodes that succeed on each domain, bar: Wilson's 95 % interval. Plans are sent as they were "
-        "made, robots drawn anew "
-        "for every episode. The paper reports no rates; of composed pushes it says “not able to reliably transfer”."
+        "Share of episodes that succeed on each domain, bar: Wilson's 95 % interval. Plans are sent as they were made, "
+        "robots drawn anew for every episode. The paper reports no rates; of composed pushes it says “not able to "
+        "reliably transfer”."
     )
     return Plan(caption, used, lambda: transfer.success([one.scene for one in used], titles))
 
@@ -247,7 +247,11 @@ def _final_distances(material: Material) -> Plan | None:
     used, titles = _transfers(material)
     if not used:
         return None
-    caption = "The same episodes: distance to the last goal in the end, one mark each; box: quartiles, bold line: median, dashed: tolerance."
+    counted = sum(one.scene.trajectories.episodes for one in used)
+    caption = (
+        f"The same {counted} episodes: distance to the last goal in the end, one mark each; box: quartiles, bold line: median; "
+        "dashed: tolerance."
+    )
     return Plan(caption, used, lambda: transfer.distances([one.scene for one in used], titles))
 
 

@@ -6,10 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Polygon
+from matplotlib.patches import Circle, Patch, Polygon
 
 from skillcli.metrics import angle_deg, neighbours
 from skillcli.trajectories import Array
@@ -19,7 +20,7 @@ from skillcli.viz.palette import BETWEEN, TARGET, look
 from skillcli.viz.scene import Scene
 
 COLUMNS = 4
-MAX_ROUTES = 12
+MAX_ROUTES = 16
 HALF = 0.03  # m, half the side of the box where the model does not say
 
 
@@ -30,7 +31,7 @@ def skill_pushes(scene: Scene) -> Figure:
         scene: of a pretrain or embed-means artifact.
     """
     skills, at_means = range(len(scene.skills)), motion.mean_episodes(scene)
-    grid = _grid(len(skills), 0.5)
+    grid = _grid(len(skills), 0.75)
     for skill, axes in zip(skills, grid[1], strict=False):
         style = look(skill)
         others = range(scene.trajectories.episodes) if scene.kind == "pretrain" else ()
@@ -42,7 +43,7 @@ def skill_pushes(scene: Scene) -> Figure:
         _goal(axes, scene, _local(scene, scene.goals[skill], at_means.get(skill, 0)))
         _name(axes, panels_space.numbered(scene, skill))
     _equal_limits(grid[1])
-    handles = skill_handles((skill, panels_space.numbered(scene, skill)) for skill in skills)
+    handles = skill_handles(((k, panels_space.numbered(scene, k)) for k in skills), marked=False)
     legend(grid[0], [*handles, *_marks(), *([_thin("sampled latents")] if scene.kind == "pretrain" else [])])
     return grid[0]
 
@@ -56,7 +57,7 @@ def mean_pushes(scene: Scene, recorded: Mapping[frozenset[str], tuple[float, flo
     """
     pairs = neighbours(scene.goals)
     drawn = blank(WIDTH, 3.3)
-    above, off = drawn.subplots(1, 2, width_ratios=[1.15, 1])
+    above, off = drawn.subplots(1, 2, width_ratios=[1, 1.1])
     labels, rows = [], []
     for row, (a, b) in enumerate(pairs):
         episode = len(scene.skills) + row
@@ -72,7 +73,8 @@ def mean_pushes(scene: Scene, recorded: Mapping[frozenset[str], tuple[float, flo
         rows.append((angle_deg(moved[-1], wanted), angle_deg(np.array(theirs), wanted) if theirs else None, style))
     above.plot(0, 0, color="black", marker="o", mfc="white", ms=4, zorder=5)
     above.set(aspect="equal", xlabel="Δx of the box [m]", ylabel="Δy of the box [m]", title="where the box goes")
-    above.margins(0.12)
+    reach = 1.12 * max(np.abs([above.get_xlim(), above.get_ylim()]).max(), 0.1)
+    above.set(xlim=(-reach, reach), ylim=(-reach, reach))
     above.grid(True)
     for row, (ours, theirs_deg, style) in enumerate(rows):
         for value, filling in ((ours, style.color), (theirs_deg, "white")):
@@ -100,19 +102,20 @@ def searched_pushes(routes: Sequence[tuple[Scene, int]]) -> Figure:
         routes: scenes of compose artifacts, and which of their episodes; at most `MAX_ROUTES` are drawn.
     """
     routes = routes[:MAX_ROUTES]
-    drawn, panels = _grid(len(routes), 0.55)
+    drawn, panels = _grid(len(routes), 0.6)
     for (scene, episode), axes in zip(routes, panels, strict=True):
         _push(axes, scene, episode, motion.pieces(scene, episode))
         axes.add_patch(Polygon(_square(scene, episode), fill=False, ec=BETWEEN, lw=0.8, ls=(0, (3, 2)), zorder=1))
         target = _local(scene, scene.trajectories.target[episode], episode)
         _goal(axes, scene, target)
         gap = 100 * float(np.linalg.norm(_moved(scene, episode)[-1] - target))
-        _name(axes, f"({target[0]:.2g}, {target[1]:.2g}): {gap:.1f} cm")
+        x, y = (f"{round(float(value), 3) + 0.0:g}".replace("-", "−") for value in target)
+        _name(axes, f"({x}, {y}): {gap:.1f} cm")
     _equal_limits(panels)
     fed = sorted({k for scene, _ in routes for k in panels_space.fed_skills(scene)}, key=lambda k: (k < 0, k))
     names = [(k, "between skills" if k < 0 else panels_space.numbered(routes[0][0], k)) for k in fed]
-    square = Line2D([], [], color=BETWEEN, lw=0.8, ls=(0, (3, 2)), label="square of the trained skills")
-    legend(drawn, [*skill_handles(names), *_marks(), square])
+    square = Line2D([], [], color=BETWEEN, lw=0.8, ls=(0, (3, 2)), label="trained square")
+    legend(drawn, [*skill_handles(names, marked=False), *_marks(), square])
     return drawn
 
 
@@ -204,10 +207,13 @@ def _equal_limits(panels: Sequence[Axes]) -> None:
         axes.locator_params(nbins=4)
 
 
-def _marks() -> list[Line2D]:
+def _marks() -> list[Artist]:
     hand = Line2D([], [], color=TARGET, lw=0.6, label="gripper")
-    first = mark("box at the start", "s", "none", TARGET, 7)
-    return [hand, first, mark("box at the end", "s", "#D8D8D8", TARGET, 7), mark("goal", "x", size=5)]
+    first, last = (
+        Patch(fc="none", ec=TARGET, ls=":", label="box, start"),
+        Patch(fc="#00000018", ec=TARGET, label="box, end"),
+    )
+    return [hand, first, last, mark("goal", "x", size=5)]
 
 
 def _thin(label: str) -> Line2D:
