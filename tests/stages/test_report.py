@@ -140,11 +140,7 @@ def test_hostile_text_stays_text(chain: Path, tmp_path: Path) -> None:
         **good.results,
         "skills": [{**each, "name": name} for each, name in zip(good.results["skills"], names, strict=True)],
     }
-    arrays = {
-        f"curves/success/{names[int(path.rpartition('/')[2]) - 1]}" if path == "curves/success/2" else path: array
-        for path, array in good.arrays.items()
-    }
-    store.write(draft(good, name="evil", recipe=recipe, results=results, arrays=arrays, command=f"skill {evil}"))
+    store.write(draft(good, name="evil", recipe=recipe, results=results, command=f"skill {evil}"))
     page = tmp_path / "evil.html"
     report(store, [ArtifactId("evil", "pretrain", 1)], page)
     text = page.read_text()

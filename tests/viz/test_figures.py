@@ -1,5 +1,6 @@
 """Figures: what is drawn, and what is left behind."""
 
+import io
 import subprocess
 import sys
 from dataclasses import replace
@@ -129,8 +130,8 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path, monkeypa
     path = tmp_path / "scene.png"
     path.write_text("old")
 
-    def full(self: Figure, where: Path, **_: object) -> None:
-        where.write_bytes(b"half")
+    def full(self: Figure, stream: io.BytesIO, **_: object) -> None:
+        stream.write(b"half")
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Figure, "savefig", full)

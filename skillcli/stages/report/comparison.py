@@ -136,7 +136,7 @@ def _push_searched(material: Material) -> Iterator[Row]:
     for goal, theirs in paper.PUSH_SEARCHED.items():
         made = [one for one in composed if _targets(one) == [goal]]
         for one in made:
-            label = f"({goal[0]:g}, {goal[1]:g}), {one.value('results', 'method')}"
+            label = f"{_place(goal)}, {one.value('results', 'method')}"
             yield _distance(label, theirs, one, ("final_distance_m",), real=False)
         if not made:
             command = f"skill compose --goal={goal[0]:g},{goal[1]:g}"
@@ -177,7 +177,7 @@ def _training(material: Material) -> Iterator[Row]:
         for what, form, group, path in (
             ("sampled latents that succeed", "{:.1%}", "results", ("success_rate",)),
             ("control steps", "{:,.0f}", "results", ("env_steps",)),
-            ("wall time", "{:.3g} s", "measured", ("wall_seconds",)),
+            ("wall time", "{:,.1f} s", "measured", ("wall_seconds",)),
             ("sampling against the bare engine", "{:.2f}", "measured", ("throughput", "sampling_ratio")),
             ("training against the bare engine", "{:.2f}", "measured", ("throughput", "training_ratio")),
         ):
@@ -266,7 +266,7 @@ def _match(known: Mapping[tuple[float, float, float], float], goal: Goal) -> flo
 
 
 def _place(goal: Goal | None) -> str:
-    return "" if goal is None else "(" + ", ".join(f"{round(x, 3) + 0.0:g}" for x in goal) + ")"
+    return "" if goal is None else "(" + ", ".join(f"{round(x, 3) + 0.0:g}".replace("-", "−") for x in goal) + ")"
 
 
 def _cm(distance: float) -> str:

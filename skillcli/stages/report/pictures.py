@@ -20,8 +20,6 @@ from skillcli.viz.report.content import Drawing, Missing
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MARKS = "Dashes and markers tell apart what colours do."
-
 
 @dataclass(frozen=True)
 class Plan:
@@ -67,12 +65,11 @@ def _latents_and_paths(material: Material) -> Plan | None:
     for one in material.find("pretrain", "point"):
         sampled = one.scene.trajectories.episodes - len(motion.mean_episodes(one.scene))
         caption = (
-            "Left: the Gaussian of each skill in the latent space, with the latents that were drawn (n = "
-            f"{sampled}). Right: the "
-            f"paths that they give from the origin, the mean latents bold; circles: goals with the tolerance of "
-            f"{100 * one.scene.tolerance:.0f} cm. In the paper the embedding separates the skills after 15,000 steps, with "
-            f"ellipses of {paper.POINT_EFFICIENCY} of the hull of the means; here "
-            f"{_said(one, 'embedding', 'efficiency', form='.3f')}. {MARKS}"
+            f"Left: the mean latents. Middle: each skill's Gaussian close up, one and two standard deviations, with the latents "
+            f"that were drawn (n = {sampled}). Right: the paths that they give from the origin, the mean latents bold; circles: "
+            f"goals with the tolerance of {100 * one.scene.tolerance:.0f} cm. In the paper the embedding separates the skills after "
+            f"15,000 steps, with ellipses of {paper.POINT_EFFICIENCY} of the hull of the means; here "
+            f"{_said(one, 'embedding', 'efficiency', form='.3f')}. Dashes and markers tell apart what colours do."
         )
         return Plan(caption, [one], partial(point.latents_and_paths, one.scene))
     return None
@@ -145,12 +142,11 @@ def _skill_pushes(material: Material) -> Plan | None:
 
 def _mean_pushes(material: Material) -> Plan | None:
     for one in material.find("embed-means", "push", lambda one: one.scene.trajectories.episodes > len(one.scene.skills)):
+        pairs = one.scene.trajectories.episodes - len(one.scene.skills)
         caption = (
-            "Left: path of the box while the mean of two neighbouring latents is held, one episode each; cross: "
-            "half-way between the "
-            "two goals. Right: the angle between where the box went and that cross. Open marks: the paper's "
-            "recorded ends on the real "
-            "robot, which it calls “not reliable for half”."
+            f"n = {pairs} pairs, one episode each. Left: path of the box while the mean of two neighbouring latents is held; cross: "
+            "half-way between the two goals. Right: the angle between where the box went and that cross. Open marks: the paper's "
+            "recorded ends on the real robot, which it calls “not reliable for half”."
         )
         return Plan(caption, [one], partial(push.mean_pushes, one.scene, paper.PUSH_MEANS))
     return None

@@ -109,10 +109,20 @@ def _asked(store: Store, ids: Sequence[ArtifactId]) -> list[ArtifactId]:
 
 
 def _newest(headers: Sequence[Header]) -> Iterator[ArtifactId]:
-    """The newest of every library and kind, for compositions and transfers of everything they were made from."""
+    """The newest of every library and kind, for compositions and transfers of everything they were made from.
+
+    References come first, then libraries with which more was done.
+    """
+    kinds: dict[str, set[str]] = {}
+    for header in headers:
+        kinds.setdefault(header.id.name, set()).add(header.kind)
+
+    def rank(header: Header) -> tuple[bool, int]:
+        return not header.id.name.startswith(PREFERRED), -len(kinds[header.id.name])
+
     seen = set()
     newest_first = headers[::-1]
-    for header in sorted(newest_first, key=lambda header: not header.id.name.startswith(PREFERRED)):
+    for header in sorted(newest_first, key=rank):
         several = header.kind in ("compose", "transfer-eval") and header.inputs_sha256
         key = (header.id.name, header.kind, header.inputs_sha256 if several else "")
         if key not in seen:
