@@ -67,7 +67,8 @@ def _latents_and_paths(material: Material) -> Plan | None:
         caption = (
             f"Left: the mean latents. Middle: each skill's Gaussian close up, one and two standard deviations, with the "
             f"latents that were drawn (n = {sampled}). Right: the paths that they give from the origin, the mean latents bold; "
-            f"circles: goals with the tolerance of {100 * one.scene.tolerance:.0f} cm. In the paper the embedding separates the skills "
+            f"circles: goals with the tolerance of {100 * one.scene.tolerance:.0f} cm. In the paper the "
+            "embedding separates the skills "
             f"after 15,000 steps, with ellipses of {paper.POINT_EFFICIENCY} of the hull of the means; here "
             f"{_said(one, 'embedding', 'efficiency', form='.3f')}. Dashes and markers tell apart what colours do."
         )
@@ -145,7 +146,8 @@ def _mean_pushes(material: Material) -> Plan | None:
         pairs = one.scene.trajectories.episodes - len(one.scene.skills)
         caption = (
             f"n = {pairs} pairs, one episode each. Left: path of the box while the mean of two neighbouring latents is held; "
-            "cross: half-way between the two goals. Right: the angle between where the box went and that cross. Open marks: the "
+            "cross: half-way between the two goals. Right: the angle between where the box went and that "
+            "cross. Open marks: the "
             "paper's recorded ends on the real robot, which it calls “not reliable for half”."
         )
         return Plan(caption, [one], partial(push.mean_pushes, one.scene, paper.PUSH_MEANS))
