@@ -135,7 +135,7 @@ def test_hostile_text_stays_text(chain: Path, tmp_path: Path) -> None:
     store = Store(tmp_path / "store")
     good = store.read(ArtifactId("tiny", "pretrain", 1))
     names = [evil, *(f"skill {k}" for k in range(1, len(good.results["skills"])))]
-    recipe = {**good.recipe, "description": evil, "task": {**good.recipe["task"], "names": names}}
+    recipe = {**good.recipe, "description": evil}
     results = {
         **good.results,
         "skills": [{**each, "name": name} for each, name in zip(good.results["skills"], names, strict=True)],
