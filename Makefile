@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: install demo test fuzz check bench clean
+.PHONY: install demo test fuzz check bench docs clean
 
 install: .venv/installed
 
@@ -29,6 +29,14 @@ check: install  # lint, format, types; the import rules are tests/test_imports.p
 
 bench: install  # our steps against the bare engine, in one run
 	$(BIN)/python -m tests.bench
+
+docs: .venv/docs  # the pages of docs/ as a site in build/site; a broken link is an error
+	$(BIN)/mkdocs build --quiet --strict
+	@echo "build/site/index.html"
+
+.venv/docs: .venv/installed
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'
+	touch $@
 
 clean:
 	rm -rf .venv build *.egg-info .pytest_cache .ruff_cache .mypy_cache

@@ -6,36 +6,80 @@ Training draws from such ranges to become robust, transfer draws from them to ju
     joint_damping = { log_uniform = [0.5, 2.0] }
     latency = { one_of = [0.0, 0.05] }
     joint_noise = 0.005
+    joint_offset = { values = [0.01, 0, 0, -0.02, 0, 0, 0] }
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Strict, model_validator
 
 from skillcli.trajectories import Array
 
-# What may be changed: (values per episode, unit, meaning). Factors multiply the model's own value.
-PARAMETERS: dict[str, tuple[int, str, str]] = {
-    "link_mass": (7, "factor", "mass and inertia of the link behind each joint; the controller still knows the true weight"),
-    "gravity_compensation": (1, "factor", "share of the arm's weight that the controller compensates"),
-    "object_mass": (1, "factor", "mass and inertia of the box"),
-    "joint_damping": (7, "factor", "viscous damping of each joint"),
-    "joint_friction": (7, "factor", "dry friction of each joint"),
-    "gain": (7, "factor", "stiffness of each servo, its damping with it"),
-    "contact_friction": (1, "factor", "sliding friction of table and box"),
-    "table_height": (1, "m", "offset of the table top"),
-    "latency": (1, "s", "delay between a command and its effect, at most 0.155 s"),
-    "joint_noise": (1, "rad", "standard deviation of white noise on measured joint angles"),
-    "position_noise": (1, "m", "standard deviation of white noise on measured positions"),
-    "start_offset": (7, "rad", "offset of each joint from the start pose"),
-    "object_offset": (2, "m", "offset of the box from its nominal start, x and y"),
+
+class Parameter(NamedTuple):
+    """One thing that may differ: how many values an episode has of it, and between which bounds they make sense."""
+
+    size: int
+    unit: str
+    meaning: str
+    low: float
+    high: float
+
+
+MAX_LATENCY = 0.155  # s: how far back the model's actuators remember their commands
+
+# What may be changed. Factors multiply the model's own value: 1 changes nothing. Everything else is added: 0 changes nothing.
+PARAMETERS: dict[str, Parameter] = {
+    "link_mass": Parameter(
+        7, "factor", "mass and inertia of the link behind each joint; the controller still knows the true weight", 0.01, 100
+    ),
+    "link_inertia": Parameter(7, "factor", "rotational inertia of the link behind each joint, its mass unchanged", 0.01, 100),
+    "armature": Parameter(7, "factor", "inertia of each joint's motor, as felt behind its gear", 0.01, 100),
+    "gravity_compensation": Parameter(1, "factor", "share of the arm's weight that the controller compensates", 0, 3),
+    "object_mass": Parameter(1, "factor", "mass and inertia of the box", 0.01, 100),
+    "object_size": Parameter(1, "factor", "edges of the box, its mass unchanged", 0.25, 4),
+    "joint_damping": Parameter(7, "factor", "viscous damping of each joint", 0, 1000),
+    "joint_friction": Parameter(7, "factor", "dry friction of each joint", 0, 1000),
+    "gain": Parameter(7, "factor", "stiffness of each servo, its damping with it", 0, 1000),
+    "contact_friction": Parameter(1, "factor", "sliding friction of table and box", 0, 100),
+    "table_height": Parameter(1, "m", "offset of the table top", -0.2, 0.2),
+    "table_tilt": Parameter(2, "rad", "rotation of the table about the middle of its top, about x and y", -0.2, 0.2),
+    "latency": Parameter(1, "s", f"delay between a command and its effect, at most {MAX_LATENCY} s", 0, MAX_LATENCY),
+    "control_jitter": Parameter(
+        1, "s", "each command comes late by a random time up to this, on top of latency; at most one control period", 0, 0.2
+    ),
+    "observation_latency": Parameter(1, "s", "age of what the sensors report", 0, 0.5),
+    "joint_noise": Parameter(1, "rad", "standard deviation of white noise on measured joint angles", 0, 1),
+    "position_noise": Parameter(1, "m", "standard deviation of white noise on measured positions", 0, 1),
+    "joint_drift": Parameter(1, "rad", "standard deviation of slow noise on measured joint angles, see drift_time", 0, 1),
+    "position_drift": Parameter(1, "m", "standard deviation of slow noise on measured positions, see drift_time", 0, 1),
+    "drift_time": Parameter(1, "s", "time over which slow noise forgets: its correlation falls to 1/e", 0, 3600),
+    "joint_offset": Parameter(
+        7, "rad", "error of each joint's zero: angles, commands and the gripper position computed from them alike", -0.5, 0.5
+    ),
+    "position_offset": Parameter(3, "m", "constant error of measured positions, as of a camera: x, y and z", -0.5, 0.5),
+    "push_rate": Parameter(1, "1/s", "how often something knocks against arm and box", 0, 20),
+    "arm_push": Parameter(1, "N s", "impulse of a knock on the last link, in any direction", 0, 50),
+    "object_push": Parameter(1, "N s", "impulse of a knock on the box, in any horizontal direction", 0, 10),
+    "start_offset": Parameter(7, "rad", "offset of each joint from the start pose", -3.2, 3.2),
+    "object_offset": Parameter(2, "m", "offset of the box from its nominal start, x and y", -1, 1),
+}
+# What says nothing without the other.
+NEEDS = {
+    "joint_drift": ("drift_time",),
+    "position_drift": ("drift_time",),
+    "drift_time": ("joint_drift", "position_drift"),
+    "arm_push": ("push_rate",),
+    "object_push": ("push_rate",),
+    "push_rate": ("arm_push", "object_push"),
 }
 RANGE_KEYS = {"uniform", "log_uniform", "one_of", "kind", "values"}  # how a range is written, and stored
-NEUTRAL = {name: 1.0 if unit == "factor" else 0.0 for name, (_, unit, _) in PARAMETERS.items()}
+NEUTRAL = {name: 1.0 if parameter.unit == "factor" else 0.0 for name, parameter in PARAMETERS.items()}
 
 
 class Range(BaseModel):
@@ -43,8 +87,8 @@ class Range(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    kind: Literal["uniform", "log_uniform", "one_of"]
-    values: tuple[float, ...]
+    kind: Literal["uniform", "log_uniform", "one_of", "fixed"]
+    values: tuple[Annotated[float, Strict()], ...]
 
     @model_validator(mode="before")
     @classmethod
@@ -54,22 +98,29 @@ class Range(BaseModel):
         if isinstance(given, Mapping) and len(given) == 1 and next(iter(given)) in ("uniform", "log_uniform", "one_of"):
             kind, values = next(iter(given.items()))
             return {"kind": kind, "values": values}
+        if isinstance(given, Mapping) and set(given) == {"values"}:
+            return {"kind": "fixed", **given}
         if (isinstance(given, Mapping) and set(given) == {"kind", "values"}) or isinstance(given, Range):
             return given
-        raise ValueError("expected a number, or one of {uniform = [low, high]}, {log_uniform = [low, high]}, {one_of = [...]}")
+        raise ValueError(
+            "expected a number, or one of {uniform = [low, high]}, {log_uniform = [low, high]}, {one_of = [...]},"
+            " {values = [one for each joint or axis]}"
+        )
 
     @model_validator(mode="after")
     def _ordered(self) -> Range:
         if not self.values:
             raise ValueError("no values to choose from")
-        if self.kind != "one_of" and (len(self.values) != 2 or self.values[0] > self.values[1]):
+        if self.kind in ("uniform", "log_uniform") and (len(self.values) != 2 or self.values[0] > self.values[1]):
             raise ValueError(f"{self.kind} takes [low, high] with low <= high, got {list(self.values)}")
         if self.kind == "log_uniform" and self.values[0] <= 0:
             raise ValueError(f"log_uniform needs positive bounds, got {list(self.values)}")
         return self
 
     def draw(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
-        """Values of the given shape."""
+        """Values of the given shape; fixed ones along its last axis."""
+        if self.kind == "fixed":
+            return np.broadcast_to(np.array(self.values), shape).copy()
         if self.kind == "one_of":
             drawn: Array = rng.choice(np.array(self.values), shape)
             return drawn
@@ -92,6 +143,8 @@ class Range(BaseModel):
 
     def __str__(self) -> str:
         """As a person reads it."""
+        if self.kind == "fixed":
+            return ", ".join(f"{value:g}" for value in self.values)
         if self.kind != "one_of":
             return f"{self.values[0]:g} .. {self.values[1]:g}" + (" (log)" if self.kind == "log_uniform" else "")
         return " or ".join(f"{value:g}" for value in self.values)
@@ -112,20 +165,33 @@ def one_of(*values: float) -> Range:
     return Range(kind="one_of", values=values)
 
 
+def closest(name: str, known: Iterable[str]) -> str:
+    """What may have been meant, as the end of a sentence; empty where nothing is near."""
+    near = get_close_matches(name, list(known), n=2)
+    return f", did you mean {' or '.join(map(repr, near))}?" if near else ""
+
+
 def _known(ranges: dict[str, Range]) -> dict[str, Range]:
-    unknown = sorted(set(ranges) - set(PARAMETERS))
-    if unknown:
-        raise ValueError(f"no parameter {unknown[0]!r}; parameters: {', '.join(PARAMETERS)}")
+    for name in ranges:
+        if name not in PARAMETERS:
+            meant = closest(name, PARAMETERS) or "; parameters: " + ", ".join(PARAMETERS)
+            raise ValueError(f"no parameter {name!r}{meant}")
     for name, values in ranges.items():
-        low = min(values.values)
-        if low < 0 and name not in ("table_height", "start_offset", "object_offset"):
-            raise ValueError(f"{name} must not be negative, got {low:g}")
-    if "latency" in ranges and max(ranges["latency"].values) > MAX_LATENCY:
-        raise ValueError(f"latency must be at most {MAX_LATENCY} s")
+        _check(name, values)
+        if name in NEEDS and not any(other in ranges for other in NEEDS[name]):
+            raise ValueError(f"{name} says nothing without {' or '.join(NEEDS[name])}")
     return ranges
 
 
-MAX_LATENCY = 0.155  # s: how far back the model's actuators remember their commands
+def _check(name: str, given: Range) -> None:
+    size, unit, _, low, high = PARAMETERS[name]
+    outside = [value for value in given.values if not low <= value <= high]
+    if outside:
+        told = "as a factor" if unit == "factor" else unit
+        raise ValueError(f"{name} must lie between {low:g} and {high:g} {told}, got {outside[0]:g}")
+    if given.kind == "fixed" and len(given.values) != size:
+        raise ValueError(f"{name} has {size} values in each episode, got {len(given.values)}")
+
 
 Ranges = Annotated[dict[str, Range], AfterValidator(_known)]
 
@@ -134,7 +200,7 @@ def sample(ranges: Mapping[str, Range], episodes: int, rng: np.random.Generator)
     """Draw parameters for each episode, (E,) or (E, n) by name; see `PARAMETERS`."""
     drawn = {}
     for name, values in sorted(ranges.items()):
-        size = PARAMETERS[name][0]
+        size = PARAMETERS[name].size
         drawn[name] = values.draw(rng, (episodes,) if size == 1 else (episodes, size))
     return drawn
 

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
+SAFETY_LIMITS = ("joint_range", "joint_speed", "table_clearance")  # what may be broken, by column of `violations`
+
 
 @dataclass(frozen=True, kw_only=True)
 class Trajectories:
@@ -36,6 +38,7 @@ class Trajectories:
     gripper_position: Array | None = None  # (E, T+1, 3) m, the site the task is judged at
     object_pose: Array | None = None  # (E, T+1, 7) m, quaternion w x y z
     position: Array | None = None  # (E, T+1, 2) m, the point task
+    violations: Array | None = None  # (E, K) control steps that ended beyond each of `SAFETY_LIMITS`
 
     @property
     def episodes(self) -> int:

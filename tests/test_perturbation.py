@@ -33,6 +33,7 @@ def rng(seed: int = 0) -> np.random.Generator:
         ("gain = { one_of = [3] }", one_of(3), "3"),
         ("gain = 0.005", one_of(0.005), "0.005"),
         ("gain = 2", one_of(2), "2"),
+        ("gain = { values = [1, 2, 3, 4, 5, 6, 7] }", Range(kind="fixed", values=(1, 2, 3, 4, 5, 6, 7)), "1, 2, 3, 4, 5, 6, 7"),
         ("gain = { kind = 'uniform', values = [0.6, 1.4] }", uniform(0.6, 1.4), "0.6 .. 1.4"),
     ],
 )
@@ -62,9 +63,17 @@ def test_every_way_to_write_a_range_is_read_stored_and_told(toml: str, expected:
         ("gain = nan", "finite"),
         ("gain = { uniform = [0.6, inf] }", "finite"),
         ("wind = 3.0", "no parameter 'wind'; parameters: link_mass, "),
-        ("gain = -0.1", "gain must not be negative, got -0.1"),
-        ("joint_noise = { one_of = [0.005, -0.005] }", "joint_noise must not be negative"),
-        ("latency = { uniform = [0.0, 0.16] }", f"latency must be at most {MAX_LATENCY} s"),
+        ("gain = -0.1", r"gain must lie between 0 and 1000 as a factor, got -0.1"),
+        ("link_mass = 0", r"link_mass must lie between 0.01 and 100 as a factor, got 0"),
+        ("joint_noise = { one_of = [0.005, -0.005] }", "joint_noise must lie between 0 and 1 rad, got -0.005"),
+        ("latency = { uniform = [0.0, 0.16] }", f"latency must lie between 0 and {MAX_LATENCY} s, got 0.16"),
+        ("position_offset = { values = [0.1, 0.1] }", "position_offset has 3 values in each episode, got 2"),
+        ("gain = { uniform = ['0.5', '1.5'] }", "number"),
+        ("gian = 1.5", "no parameter 'gian', did you mean 'gain'"),
+        ("joint_drift = 0.01", "joint_drift says nothing without drift_time"),
+        ("drift_time = 1.0", "drift_time says nothing without joint_drift or position_drift"),
+        ("push_rate = 1.0", "push_rate says nothing without arm_push or object_push"),
+        (f"gain = {10**400}", "number"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(toml: str, said: str) -> None:
@@ -72,7 +81,9 @@ def test_what_cannot_be_meant_is_refused(toml: str, said: str) -> None:
         read(toml)
 
 
-@pytest.mark.parametrize("name", ["table_height", "start_offset", "object_offset"])
+@pytest.mark.parametrize(
+    "name", ["table_height", "table_tilt", "joint_offset", "position_offset", "start_offset", "object_offset"]
+)
 def test_offsets_may_be_negative(name: str) -> None:
     assert read(f"{name} = {{ uniform = [-0.1, 0.1] }}")[name] == uniform(-0.1, 0.1)
 
@@ -116,10 +127,17 @@ def test_a_sample_depends_on_the_generator_and_not_on_the_order_of_the_ranges() 
 
 def test_every_parameter_has_a_size_a_unit_a_meaning_and_a_neutral_value() -> None:
     assert NEUTRAL.keys() == PARAMETERS.keys()
-    for name, (size, unit, meaning) in PARAMETERS.items():
-        assert size in (1, 2, 7) and meaning
-        assert unit in ("factor", "m", "rad", "s")
-        assert NEUTRAL[name] == (1 if unit == "factor" else 0)
+    for name, parameter in PARAMETERS.items():
+        assert parameter.size in (1, 2, 3, 7) and parameter.meaning
+        assert parameter.unit in ("factor", "m", "rad", "s", "1/s", "N s")
+        assert NEUTRAL[name] == (1 if parameter.unit == "factor" else 0)
+        assert parameter.low <= NEUTRAL[name] <= parameter.high
+
+
+def test_fixed_values_are_those_of_each_joint_in_every_episode() -> None:
+    values = Range(kind="fixed", values=(1, 2, 3, 4, 5, 6, 7))
+    assert sample({"gain": values}, 2, rng())["gain"].tolist() == [[1, 2, 3, 4, 5, 6, 7]] * 2
+    assert sample({"latency": Range(kind="fixed", values=(0.1,))}, 3, rng())["latency"].tolist() == [0.1] * 3
 
 
 def test_only_one_value_is_drawn_where_low_is_high() -> None:

@@ -14,7 +14,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from skillcli import __version__
-from skillcli.cli import inspect, keep, learn, shelf
+from skillcli.cli import inspect, keep, learn, report, shelf
 from skillcli.cli.session import Session
 from skillcli.errors import SkillError
 
@@ -51,6 +51,7 @@ def options(
 
 learn.register(app)
 inspect.register(app)
+report.register(app)
 shelf.register(app)
 keep.register(app)
 

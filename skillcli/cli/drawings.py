@@ -12,15 +12,16 @@ from rich.tree import Tree
 from skillcli.errors import StoreError
 from skillcli.store import ArtifactId, Store
 
-WIDTH = 40  # characters of a sparkline
+WIDTH, NARROW = 40, 6  # characters of a sparkline, at most and at least
+NUMBER = 9  # characters of a number with four digits
 
 _BARS = "▁▂▃▄▅▆▇█"
 
 
-def sparkline(values: Any) -> str:
-    """A curve in `WIDTH` characters at most, each the mean of its share of the values (n,); a space where none is finite."""
+def sparkline(values: Any, width: int = WIDTH) -> str:
+    """A curve in `width` characters at most, each the mean of its share of the values (n,); a space where none is finite."""
     values = np.asarray(values, dtype=float).ravel()
-    parts = [part[np.isfinite(part)] for part in np.array_split(values, min(WIDTH, max(1, len(values))))]
+    parts = [part[np.isfinite(part)] for part in np.array_split(values, min(width, max(1, len(values))))]
     means = np.array([part.mean() if len(part) else np.nan for part in parts])
     if not np.isfinite(means).any():
         return " " * len(means)
@@ -29,12 +30,14 @@ def sparkline(values: Any) -> str:
     return "".join(" " if np.isnan(mean) else _BARS[round((mean - low) * scale)] for mean in means)
 
 
-def curves(arrays: Mapping[str, Any]) -> Table:
-    """Every learning curve: its first and last value, and its course."""
+def curves(arrays: Mapping[str, Any], width: int) -> Table:
+    """Every learning curve: its first and last value, and its course, which is drawn coarser rather than cut off."""
+    frame = 13
+    room = width - frame - 2 * NUMBER - max(map(len, arrays), default=0)
     table = Table("curve", "", "first", "last")
     for name, values in sorted(arrays.items()):
         ends = (f"{values[index]:.4g}" for index in (0, -1)) if values.ndim == 1 and len(values) else ("", "")
-        table.add_row(name, sparkline(values), *ends)
+        table.add_row(name, sparkline(values, max(NARROW, min(WIDTH, room))), *ends)
     return table
 
 

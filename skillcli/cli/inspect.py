@@ -7,7 +7,7 @@ import os
 import shutil
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,6 +15,12 @@ from skillcli.cli import complete
 from skillcli.cli.learn import MADE_FROM
 from skillcli.cli.session import Session
 from skillcli.errors import SkillError
+
+if TYPE_CHECKING:
+    from rich.console import Group
+    from rich.table import Table
+
+    from skillcli.envs.domains import Domain
 
 recipes_app = typer.Typer(help="Recipes: list them, or show one resolved.", invoke_without_command=True)
 
@@ -113,31 +119,64 @@ def tasks(context: typer.Context) -> None:
     session.result({"tasks": listed}, table)
 
 
-def domains(context: typer.Context) -> None:
-    """List the target domains and what each of them changes."""
-    from rich.table import Table
-
-    from skillcli.envs.domains import DOMAINS
-    from skillcli.perturbation import PARAMETERS
+def domains(
+    context: typer.Context,
+    which: Annotated[
+        str | None, typer.Argument(metavar="[NAME|FILE]", help="One of them, or a .toml file of your own; all by default.")
+    ] = None,
+) -> None:
+    """List the target domains, or show what one of them changes, with units and meaning."""
+    from skillcli.envs.domains import PRESETS, find_domain
 
     session: Session = context.obj
-    table = Table("domain", "parameter", "range", "unit", "meaning")
-    for domain in DOMAINS.values():
-        table.add_row(f"[bold]{domain.name}[/]", "", "", "", domain.description)
-        for name, values in domain.parameters.items():
-            _, unit, meaning = PARAMETERS[name]
-            table.add_row("", name, str(values), unit, meaning)
-    listed = [
-        {
-            "name": domain.name,
-            "description": domain.description,
-            "parameters": {
-                name: {"range": str(values), "unit": PARAMETERS[name][1]} for name, values in domain.parameters.items()
-            },
-        }
-        for domain in DOMAINS.values()
-    ]
-    session.result({"domains": listed}, table)
+    if which is None:
+        found = [find_domain(name) for name in PRESETS]
+        session.result({"domains": [_told(domain) for domain in found]}, _domain_list(found))
+        return
+    domain = find_domain(which)
+    session.result({"domain": _told(domain)}, _domain_sheet(domain))
+
+
+def _told(domain: Domain) -> dict[str, Any]:
+    from skillcli.perturbation import PARAMETERS
+
+    return {
+        "name": domain.name,
+        "description": domain.description,
+        "parameters": {
+            name: {"range": str(values), "unit": PARAMETERS[name].unit, "meaning": PARAMETERS[name].meaning}
+            for name, values in domain.parameters.items()
+        },
+    }
+
+
+def _domain_list(found: list[Domain]) -> Table:
+    from rich.table import Table
+
+    from skillcli.perturbation import PARAMETERS
+
+    table = Table("domain", "what it is", "changes")
+    for domain in found:
+        table.add_section()
+        changes = [f"{name} {values} {PARAMETERS[name].unit}" for name, values in domain.parameters.items()]
+        table.add_row(f"[bold]{domain.name}[/]", domain.description, "\n".join(changes))
+    return table
+
+
+def _domain_sheet(domain: Domain) -> Group:
+    from rich.console import Group
+    from rich.markup import escape
+    from rich.table import Table
+
+    from skillcli.perturbation import PARAMETERS
+
+    table = Table("parameter", "range", "unit", "meaning")
+    for name, values in domain.parameters.items():
+        table.add_row(name, str(values), PARAMETERS[name].unit, PARAMETERS[name].meaning)
+    untouched = [name for name in PARAMETERS if name not in domain.parameters]
+    return Group(
+        f"[bold]{domain.name}[/]: {escape(domain.description)}", table, f"as in the simulation: {', '.join(untouched)}"
+    )
 
 
 def doctor(context: typer.Context) -> None:

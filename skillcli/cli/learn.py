@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skillcli.cli import complete
+from skillcli.cli import complete, watching
 from skillcli.cli.methods import ABOUT, MORE, ByMethod, option, settings
 from skillcli.cli.session import Session
 from skillcli.errors import UsageError
@@ -55,6 +57,9 @@ def pretrain(
     threads: Annotated[
         int, typer.Option("--threads", help="Of the physics, 0 for all cores; results do not depend on it.", min=0, max=1024)
     ] = 0,
+    tensorboard: Annotated[
+        Path | None, typer.Option("--tensorboard", help="Also write the learning curves there for TensorBoard.", metavar="DIR")
+    ] = None,
 ) -> None:
     """Train policy and skill embedding together in simulation (stage 1)."""
     from skillcli.recipe import load_recipe
@@ -66,7 +71,10 @@ def pretrain(
     folder = checked(name) or resolved.name
     if resume and not session.store.checkpoint_path(folder, "pretrain", inputs_of(resolved, seed)).exists():
         session.say("nothing was interrupted with this recipe, seed and name: starting anew")
-    with session.progress() as report:
+    with ExitStack() as opened:
+        report = opened.enter_context(session.progress())
+        if tensorboard:
+            report = opened.enter_context(watching.tensorboard(tensorboard, report))
         artifact = stage(session.store, resolved, seed, folder, session.command, resume, threads, report)
     _done(session, artifact, f"skill embed-means {artifact.id}")
 
@@ -146,7 +154,7 @@ def transfer_eval(
     context: typer.Context,
     source: Annotated[str | None, typer.Argument(metavar="[ID]", help=MADE_FROM, autocompletion=complete.ids)] = None,
     domain: Annotated[
-        list[str] | None, typer.Option("--domain", help="Target domain, see `skill domains`.", metavar="NAME")
+        list[str] | None, typer.Option("--domain", help="Target domain, see `skill domains`, or a file.", metavar="NAME|FILE")
     ] = None,
     episodes: Annotated[int | None, typer.Option("--episodes", help="Per domain.", min=1, max=10_000)] = None,
     replan: Annotated[

@@ -28,6 +28,7 @@ FullId = Annotated[str, typer.Argument(metavar="ID", help="A full id.", autocomp
 
 LONG = 200  # rows, beyond which a listing is printed without a frame
 _COLUMNS = ("id", "made (UTC)", "recipe", "seed", "kB", "note")
+_LESSER = ("recipe", "kB", "seed", "note", "made (UTC)")  # left out first where there is little room
 
 
 def register(app: typer.Typer) -> None:
@@ -83,7 +84,7 @@ def _print_listing(session: Session, found: Listing) -> None:
         session.result({"artifacts": listed, "unreadable": unreadable})
         return
     rows = [_row(header, header.id in pinned) for header in found.headers]
-    session.result({}, plain_table(_COLUMNS, rows) if len(rows) > LONG else _table(rows))
+    session.result({}, plain_table(_COLUMNS, rows) if len(rows) > LONG else _table(rows, session.out.width))
 
 
 def _row(header: Header, pinned: bool) -> tuple[str, ...]:
@@ -92,15 +93,21 @@ def _row(header: Header, pinned: bool) -> tuple[str, ...]:
     return str(header.id), made, header.recipe_name, str(header.seed), f"{header.bytes / 1e3:,.0f}", ", ".join(notes)
 
 
-def _table(rows: list[tuple[str, ...]]) -> RenderableType:
+def _table(rows: list[tuple[str, ...]], width: int) -> RenderableType:
+    """The listing in a frame; on a narrow terminal without the columns that matter less."""
     from rich.markup import escape
     from rich.table import Table
 
+    shown = list(range(len(_COLUMNS)))
+    room = [max(map(len, cells)) + 3 for cells in zip(_COLUMNS, *rows, strict=True)]  # with its frame
+    for column in map(_COLUMNS.index, _LESSER):
+        if 1 + sum(room[index] for index in shown) > width:
+            shown.remove(column)
     table = Table()
-    for column in _COLUMNS:  # an id is never cut: it is there to be copied
-        table.add_column(column, no_wrap=True, overflow="fold")
+    for index in shown:  # an id is never cut: it is there to be copied
+        table.add_column(_COLUMNS[index], no_wrap=True, overflow="fold")
     for row in rows:
-        table.add_row(*map(escape, row))
+        table.add_row(*(escape(row[index]) for index in shown))
     return table
 
 
@@ -186,7 +193,7 @@ def _shown(session: Session, artifact: Artifact) -> list[Any]:
 
     parts: list[Any] = [Markdown(artifact.provenance()), drawings.recipe(artifact.recipe)]
     if curves := artifact.group("curves"):
-        parts.append(drawings.curves(curves))
+        parts.append(drawings.curves(curves, session.out.width))
     parts += [Pretty(artifact.results, max_length=12), Pretty(artifact.measured), drawings.lineage(session.store, artifact.id)]
     return parts
 

@@ -8,8 +8,14 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
+from skillcli.envs import disturbance, sawyer, sensors
 from skillcli.envs.arms import Arms
+from skillcli.envs.disturbance import Disturbance
 from skillcli.envs.environment import Array, Sighting, Step
+from skillcli.envs.robot import Robot
+from skillcli.envs.safety import RANGE_TOLERANCE, STIFF_TABLE_TOLERANCE, Clearance
+from skillcli.envs.sawyer import VELOCITY_LIMIT
+from skillcli.envs.sensors import Sensors
 from skillcli.recipe import ArmTask
 
 
@@ -29,27 +35,34 @@ class ArmEnvironment:
         goals: (K, 3) m.
         num: simulations.
         threads: of the engine, 0 for all cores; results do not depend on it.
+        robot: whose arm stands in the scene, the source's where there is none.
     """
 
     action_size = 7
     privileged_size = 0
     failure_reward = 0.0  # of the step that fails
+    table_tolerance = STIFF_TABLE_TOLERANCE
 
-    def __init__(self, task: ArmTask, spec: mujoco.MjSpec, goals: Array, num: int, threads: int) -> None:
+    def __init__(
+        self, task: ArmTask, spec: mujoco.MjSpec, goals: Array, num: int, threads: int, robot: Robot | None = None
+    ) -> None:
         self.num, self.horizon, self.tolerance = num, task.horizon, task.tolerance
         self.control_period = task.control_period
         self.observation_size = 17 if task.observe_command else 10
-        substeps = round(task.control_period / task.timestep)
-        self.arms = Arms(spec.compile(), num, substeps, task.action_limit, threads)
+        substeps = round(task.control_period / spec.option.timestep)
+        names = robot.names if robot else sawyer.NAMES
+        self.arms = Arms(spec.compile(), num, substeps, task.action_limit, threads, names)
         self.goals = goals
         self.target = np.zeros((num, 3))
         self.applied = np.zeros((num, 7))
-        self._start = np.array(task.start)
+        self._start = np.array(robot.start(task) if robot else task.start)
         self._start_offset = np.zeros((num, 7))  # rad
         self._elapsed = np.zeros(num, dtype=np.int64)
         self._past: deque[tuple[Array, Array]] = deque(maxlen=REMEMBERED)  # measured joints and commanded targets, rad
-        self._noise: dict[str, Array] | None = None  # of the sensors, (N, 1) each
-        self._sensors = np.random.default_rng(0)
+        self._joint_offset: Array | None = None  # rad
+        self._sensors: Sensors | None = None  # None: everything is measured as it is
+        self._disturbance: Disturbance | None = None
+        self._clearance: Clearance | None = None  # made when it is first asked for
         self.reset(np.arange(num), np.zeros(num, dtype=np.int64))
 
     def position(self) -> Array:
@@ -84,51 +97,72 @@ class ArmEnvironment:
         """See `Environment`."""
         self._past.clear()
         self._place(ids)
-        self._measured = self.arms.joint_position
-        self._begin_clock(ids, skill)
+        self._begin(ids, skill)
+        self._measured = self._true().astype(np.float32)
 
     def begin(self, ids: Array, rows: Array, skill: Array) -> None:
         """See `Environment`."""
         self.arms.restore(ids, rows)
-        self._begin_clock(ids, skill)
+        self._begin(ids, skill)
 
     def _place(self, ids: Array) -> None:
         self.arms.place(ids, self._start + self._start_offset[ids], self.place_object(ids))
 
-    def _begin_clock(self, ids: Array, skill: Array) -> None:
+    def _begin(self, ids: Array, skill: Array) -> None:
         self._elapsed[ids] = 0
         self.target[ids] = self.goals[skill]
+        if self._sensors is not None:
+            self._sensors.begin(ids, self._true()[ids])
+
+    def _true(self) -> Array:
+        """What perfect sensors would report, (N, 10); the arm computes its gripper position from its joint angles."""
+        position = self.position()
+        if self._joint_offset is not None:
+            position = position + self.arms.reported_shift(self._joint_offset)
+        return np.concatenate([self.arms.joint_position, position], axis=1)
 
     def observe(self) -> Array:
         """See `Environment`."""
         observation = np.empty((self.num, self.observation_size), dtype=np.float32)
-        observation[:, :7] = self.arms.joint_position
-        observation[:, 7:10] = self.position()
-        if self._noise is not None:
-            observation[:, :7] += self._noise["joint"] * self._sensors.standard_normal((self.num, 7))
-            observation[:, 7:10] += self._noise["position"] * self._sensors.standard_normal((self.num, 3))
-        self._measured, self._last_position = observation[:, :7], observation[:, 7:10]
+        if self._sensors is None:
+            observation[:, :7] = self.arms.joint_position
+            observation[:, 7:10] = self.position()
+        else:
+            observation[:, :10] = self._sensors.read()
+        self._measured = observation[:, :10]
         if self.observation_size > 10:
-            observation[:, 10:] = self.arms.commanded - observation[:, :7]
+            observation[:, 10:] = self._commanded() - observation[:, :7]
         return observation
 
     def perturb(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
         """See `Environment`."""
         self.arms.perturb(parameters)
-        none = np.zeros(self.num)
-        self._start_offset = np.broadcast_to(parameters.get("start_offset", 0.0), (self.num, 7))
-        joint, position = parameters.get("joint_noise", none), parameters.get("position_noise", none)
-        self._noise, self._sensors = {"joint": joint[:, None], "position": position[:, None]}, rng
+        start = np.broadcast_to(parameters.get("start_offset", 0.0), (self.num, 7))
+        offset = parameters.get("joint_offset")
+        self._joint_offset = offset if offset is not None and offset.any() else None
+        # The arm goes where its encoders say the start is. From there on an offset that commands share with angles has no
+        # effect on increments: the servo closes its loop on the same encoder.
+        self._start_offset = start if self._joint_offset is None else start - self._joint_offset
+        self._sensors = self._disturbance = None
+        if disturbance.needed(parameters):
+            self._disturbance = Disturbance(parameters, self.num, self.arms.substeps, self.control_period, rng)
+        if sensors.needed(parameters):
+            self._sensors = Sensors(parameters, self.num, self.control_period, rng)
+            self._sensors.begin(np.arange(self.num), self._true())
 
     def step(self, action: Array) -> Step:
         """See `Environment`."""
-        before = self.arms.commanded.copy()
-        self.applied = self.arms.move(self.arms.action_limit * action)
-        self._past.append((self._measured, before))
+        before = self._commanded()
+        self.applied = self._move(self.arms.action_limit * action)
+        self._past.append((self._measured[:, :7], before))
         self._elapsed += 1
         failed = self.failed()
         if failed.any():  # a failed episode ends in a clear state, at the start, and never in NaN
             self._place(np.flatnonzero(failed))
+        if self._sensors is not None:
+            self._sensors.advance(self._true())
+            if failed.any():
+                self._sensors.begin(np.flatnonzero(failed), self._true()[failed])
         reward = np.where(failed, self.failure_reward, self.reward())
         return Step(self.observe(), reward, failed, self._elapsed >= self.horizon)
 
@@ -137,11 +171,12 @@ class ArmEnvironment:
         steps = min(2, len(self._past))  # over one step the noise of the sensors would drown the velocity
         velocity = np.zeros((self.num, 7))
         if steps:
-            velocity[:] = (self._measured - self._past[-steps][0]) / (steps * self.control_period)
+            velocity[:] = (self._measured[:, :7] - self._past[-steps][0]) / (steps * self.control_period)
         commands = [command for _, command in self._past]
-        commands = [commands[0] if commands else self.arms.commanded] * (REMEMBERED - len(commands)) + commands
+        commands = [*commands, self._commanded()]
+        commands = [commands[0]] * (REMEMBERED + 1 - len(commands)) + commands
         object_pose = self.object_seen()
-        parts = (self._measured, velocity, *commands, self.arms.commanded, *(() if object_pose is None else (object_pose,)))
+        parts = (self._measured[:, :7], velocity, *commands, *(() if object_pose is None else (object_pose,)))
         return Sighting(np.concatenate(parts, axis=1), self.judged_seen(object_pose))
 
     def object_seen(self) -> Array | None:
@@ -150,7 +185,7 @@ class ArmEnvironment:
 
     def judged_seen(self, object_pose: Array | None) -> Array:
         """Where the judged point seems to be, (N, 3) m."""
-        return self._last_position.astype(float)
+        return self._measured[:, 7:].astype(float)
 
     def imagine(self, ids: Array, state: Array) -> None:
         """See `Environment`."""
@@ -158,6 +193,32 @@ class ArmEnvironment:
         commands = rest[:, : 7 * (REMEMBERED + 1)].reshape(len(ids), REMEMBERED + 1, 7)
         pose = rest[:, 7 * (REMEMBERED + 1) :]
         self.arms.assume(ids, joints, velocity, commands, pose if pose.shape[1] else None)
+    def _commanded(self) -> Array:
+        """Commanded targets as the controller shows them, (N, 7) rad: they share the offset of the encoders."""
+        if self._joint_offset is None:
+            return self.arms.commanded.copy()
+        shown: Array = self.arms.commanded + self._joint_offset
+        return shown
+
+    def _move(self, increment: Array) -> Array:
+        if self._disturbance is None:
+            return self.arms.move(increment)
+        lateness, forces = self._disturbance.lateness(), self._disturbance.forces()
+        if forces is None:
+            return self.arms.move(increment, lateness)
+        self.arms.knock(*forces)
+        applied = self.arms.move(increment, lateness)
+        self.arms.release()
+        return applied
+
+    def violations(self) -> Array:
+        """See `Environment`."""
+        if self._clearance is None:
+            self._clearance = Clearance(self.arms.model)
+        past = self.arms.past_range().max(axis=1) > RANGE_TOLERANCE
+        fast = (np.abs(self.arms.joint_velocity) > VELOCITY_LIMIT).any(axis=1)
+        deep = self._clearance.depth(*self.arms.geom_frames()) > self.table_tolerance
+        return np.stack([past, fast, deep], axis=1)
 
     def save(self, ids: Array) -> Array:
         """See `Environment`."""
@@ -166,6 +227,8 @@ class ArmEnvironment:
     def restore(self, ids: Array, rows: Array) -> None:
         """See `Environment`."""
         self.arms.restore(ids, rows)
+        if self._sensors is not None:
+            self._sensors.settle(ids, self._true()[ids])
 
     def snapshot(self) -> dict[str, Array]:
         """See `Environment`."""

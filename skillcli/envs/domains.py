@@ -1,11 +1,28 @@
-"""Target domains: robots that differ from the simulation, as ranges of parameters drawn anew for every episode."""
+"""Target domains: robots that differ from the simulation, as ranges of parameters drawn anew for every episode.
+
+A domain is a TOML file, shipped (`presets/`) or anybody's own; docs/domains.md says how to write one.
+"""
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from skillcli.errors import UsageError
-from skillcli.perturbation import Range, log_uniform, one_of, uniform
+from skillcli.perturbation import PARAMETERS, Range, Ranges, closest
+
+PRESETS = (
+    "nominal", "random-starts", "mild", "real-like", "peng", "dactyl",
+    "latency-40", "latency-80", "low-friction", "high-friction", "weak-gains",
+)  # fmt: skip
+_FOLDER = Path(__file__).parent / "presets"
+_MAX_BYTES = 64 * 1024
+_HELP = "docs/domains.md says how to write one; `skill domains real-like` shows an example"
 
 
 @dataclass(frozen=True)
@@ -17,63 +34,89 @@ class Domain:
     parameters: dict[str, Range]
 
 
-# Sources. robosuite: defaults of its dynamics randomisation (mass 2 %, friction 10 %, table height 1.5 mm). Peng et al.
-# 2018 (arXiv:1710.06537): latency 40 ms, gains, damping. OpenAI 2018 (arXiv:1808.00177): one step of latency with
-# probability one half, friction 0.7-1.3, masses 0.5-1.5. The widths of real-like are those with which composed pushes
-# were seen to fail: friction and mass 40 %, gains 30 %, one control step of latency, 5 mrad and 3 mm of noise.
-DOMAINS: dict[str, Domain] = {
-    domain.name: domain
-    for domain in (
-        Domain("nominal", "the simulation itself, nothing changed", {}),
-        Domain(
-            "random-starts",
-            "the simulation itself, but arm and box start elsewhere",
-            {"start_offset": uniform(-0.15, 0.15), "object_offset": uniform(-0.12, 0.12)},
-        ),
-        Domain(
-            "mild",
-            "a well identified robot: small errors of mass, friction, gains and sensors, no latency",
-            {
-                "link_mass": uniform(0.98, 1.02),
-                "joint_damping": uniform(0.9, 1.1),
-                "joint_friction": uniform(0.9, 1.1),
-                "gain": uniform(0.95, 1.05),
-                "object_mass": uniform(0.98, 1.02),
-                "contact_friction": uniform(0.9, 1.1),
-                "table_height": uniform(-0.0015, 0.0015),
-                "joint_noise": one_of(0.001),
-                "position_noise": one_of(0.001),
-                "start_offset": uniform(-0.005, 0.005),
-            },
-        ),
-        Domain(
-            "real-like",
-            "a robot known from its data sheet only: wide errors, latency in half of the episodes, noisy sensors",
-            {
-                "link_mass": uniform(0.6, 1.4),
-                "gravity_compensation": uniform(0.9, 1.1),
-                "joint_damping": log_uniform(0.5, 2.0),
-                "joint_friction": uniform(0.6, 1.4),
-                "gain": uniform(0.7, 1.3),
-                "object_mass": uniform(0.6, 1.4),
-                "contact_friction": uniform(0.6, 1.4),
-                "table_height": uniform(-0.005, 0.005),
-                "latency": one_of(0.0, 0.05),
-                "joint_noise": one_of(0.005),
-                "position_noise": one_of(0.003),
-                "start_offset": uniform(-0.02, 0.02),
-            },
-        ),
-    )
-}
+class _File(BaseModel):
+    """A domain as it is written. A name is also part of a path in the store, hence its letters."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,39}$")]
+    description: Annotated[str, Field(max_length=500)] = ""
+    extends: str | None = None
+    parameters: Ranges = {}
 
 
-def find_domain(name: str) -> Domain:
-    """The preset of this name.
+def find_domain(text: str) -> Domain:
+    """A preset by its name, or the domain of a TOML file by its path: what ends in .toml or has a slash in it is a path.
 
     Raises:
-        UsageError: there is none.
+        UsageError: there is none, or its file is not one of a domain.
     """
-    if name not in DOMAINS:
-        raise UsageError(f"no domain {name!r}", f"domains: {', '.join(DOMAINS)}; see `skill domains`")
-    return DOMAINS[name]
+    if text.endswith(".toml") or "/" in text or "\\" in text:
+        domain = _load(Path(text).expanduser())
+        if domain.name in PRESETS:
+            raise UsageError(f"domain file {text}: the name {domain.name!r} is that of a preset", "give it a name of its own")
+        return domain
+    if text not in PRESETS:
+        known = f"domains: {', '.join(PRESETS)}; see `skill domains`, or give the path of a .toml file"
+        raise UsageError(f"no domain {text!r}{closest(text, PRESETS)}", known)
+    return _preset(text)
+
+
+@cache
+def _preset(name: str) -> Domain:
+    return _load(_FOLDER / f"{name}.toml")
+
+
+def _load(path: Path) -> Domain:
+    content = _content(path)
+    base = content.get("extends")
+    if isinstance(base, str):
+        if base not in PRESETS:
+            hint = f"presets: {', '.join(PRESETS)}; a domain extends one of these"
+            raise UsageError(f"domain file {path}: extends: no preset {base!r}{closest(base, PRESETS)}", hint)
+        own = content.get("parameters", {})
+        content = {**content, "parameters": {**_preset(base).parameters, **own} if isinstance(own, dict) else own}
+    try:
+        found = _File.model_validate(content)
+    except ValidationError as error:
+        raise UsageError(*_explain(path, error)) from error
+    return Domain(found.name, found.description, found.parameters)
+
+
+def _content(path: Path) -> dict[str, Any]:
+    try:
+        with path.open("rb") as file:
+            raw = file.read(_MAX_BYTES + 1)
+        if len(raw) > _MAX_BYTES:
+            raise UsageError(f"domain file {path} is larger than {_MAX_BYTES // 1024} kB", f"is it a domain? {_HELP}")
+        return tomllib.loads(raw.decode("utf-8"))
+    except FileNotFoundError:
+        raise UsageError(f"no domain file {path}", f"presets: {', '.join(PRESETS)}; {_HELP}") from None
+    except (OSError, ValueError, RecursionError) as error:  # ValueError: no UTF-8, no TOML, or numbers of absurd length
+        raise UsageError(f"domain file {path} cannot be read: {error}", f"a domain is a TOML file; {_HELP}") from None
+
+
+def _explain(path: Path, error: ValidationError) -> tuple[str, str]:
+    """One line and a hint out of pydantic's report, for its first complaint."""
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"][:2])
+    if first["type"] == "extra_forbidden":
+        return _unknown_field(path, key)
+    if first["type"] == "missing":
+        return f"domain file {path}: {key} is missing", f'for example {key} = "worn-gripper"; {_HELP}'
+    said = first["msg"].removeprefix("Value error, ")
+    if first["type"] == "string_pattern_mismatch":
+        said = "begins with a letter or digit, and has at most 40 letters, digits and _ . -"
+    given = first["input"]
+    shown = f", got {given!r}" if isinstance(given, str | int | float) and len(repr(given)) < 80 else ""
+    return f"domain file {path}: {key}: {said}{shown}", _HELP
+
+
+def _unknown_field(path: Path, key: str) -> tuple[str, str]:
+    if key in PARAMETERS:
+        return (
+            f"domain file {path}: {key} is a parameter and stands in the wrong place",
+            f"write it below [parameters]; {_HELP}",
+        )
+    said = f"domain file {path}: unknown field {key!r}{closest(key, _File.model_fields)}"
+    return said, f"fields: {', '.join(_File.model_fields)}; {_HELP}"

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from skillcli.trajectories import Array
+from skillcli.trajectories import SAFETY_LIMITS, Array
 
-__all__ = ["Array", "Environment", "Sighting", "Step"]
+__all__ = ["SAFETY_LIMITS", "Array", "Environment", "Sighting", "Step"]
 
 
 class Step(NamedTuple):
@@ -81,8 +81,11 @@ class Environment(Protocol):
 
         Args:
             parameters: (N,) or (N, n) by name; what is absent is nominal.
-            rng: of the sensor noise.
+            rng: of all that goes on by chance while the episode runs: noise, drift, late commands, knocks.
         """
+
+    def violations(self) -> Array:
+        """Which of `SAFETY_LIMITS` the present state breaks, (N, K) bool; K is 0 where there are no limits."""
 
     def snapshot(self) -> dict[str, Array]:
         """What a recording keeps of the present moment, by the names of `Trajectories`, each (N, ...)."""

@@ -96,6 +96,10 @@ class PointEnvironment:
         """See `Environment`."""
         self._position[ids] = rows
 
+    def violations(self) -> Array:
+        """See `Environment`; a point has no limits."""
+        return np.zeros((self.num, 0), dtype=bool)
+
     def snapshot(self) -> dict[str, Array]:
         """See `Environment`."""
         return {"position": self._position.copy()}

@@ -7,10 +7,12 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
-from skillcli.envs import sawyer
+from skillcli.envs import sawyer, table
 from skillcli.envs.arm_environment import ArmEnvironment
-from skillcli.envs.arms import FINGER, OBJECT
+from skillcli.envs.arms import OBJECT
 from skillcli.envs.environment import Array
+from skillcli.envs.robot import Robot
+from skillcli.envs.safety import SOFT_TABLE_TOLERANCE
 from skillcli.recipe import PushTask
 
 # Contact. The friction cone is elliptic, else friction would depend on the direction of a push; condim 4 adds the torsion
@@ -30,9 +32,9 @@ THROWN = 2.0  # m/s: three times what the fastest push gives it
 LOST = -15.0  # reward of losing the box: worse than any way of going on, else losing it would end the costs
 
 
-def push_spec(task: PushTask, delay: bool = False) -> mujoco.MjSpec:
+def push_spec(task: PushTask, delay: bool = False, robot: Robot | None = None) -> mujoco.MjSpec:
     """The scene of the task: the arm behind its table, and a box that can move freely."""
-    spec = sawyer.arm_spec(task.timestep, delay)
+    spec = robot.arm_spec(task, delay) if robot else sawyer.arm_spec(task.timestep, delay)
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = IMPRATIO
     half = np.array(task.box_size) / 2
@@ -50,7 +52,7 @@ def push_spec(task: PushTask, delay: bool = False) -> mujoco.MjSpec:
         solref=TABLE_SOLREF,
         solimp=TABLE_SOLIMP,
     )
-    for name in FINGER:
+    for name in (robot.names if robot else sawyer.NAMES).finger:
         finger = spec.geom(name)
         finger.priority, finger.condim = 3, 4  # and this against the box
         finger.friction, finger.solref, finger.solimp = [task.friction, TORSION, ROLLING], FINGER_SOLREF, FINGER_SOLIMP
@@ -75,23 +77,36 @@ class PushEnvironment(ArmEnvironment):
     # goal, box speed, finger to the point behind the box; friction, mass, stiffness and latency of this robot
     privileged_size = 11
     failure_reward = LOST
+    table_tolerance = SOFT_TABLE_TOLERANCE
 
-    def __init__(self, task: PushTask, num: int, threads: int = 0, delay: bool = False) -> None:
-        self._half = np.array(task.box_size) / 2
-        self._pushing_distance = pushing_distance(task)
+    def __init__(self, task: PushTask, num: int, threads: int = 0, delay: bool = False, robot: Robot | None = None) -> None:
+        self._task = task
         self._box_start = np.array(task.box_start)
         self._table_height, self._box_offset = np.zeros(num), np.zeros((num, 2))
+        self._tilt: Array | None = None  # (N, 2) rad, of the table
+        self._half_height = np.full(num, task.box_size[2] / 2)
+        self._pushing_distance: Array = np.full((num, 1), pushing_distance(task))
         self._robot = np.tile(np.array([1.0, 1.0, 1.0, 0.0]), (num, 1))
         goals = np.array([[*(self._box_start + goal), 0.0] for goal in task.goals])
-        super().__init__(task, push_spec(task, delay), goals, num, threads)
+        super().__init__(task, push_spec(task, delay, robot), goals, num, threads, robot)
 
     def place_object(self, ids: Array) -> Array:
         """See `ArmEnvironment`; at rest on the table."""
         pose = np.zeros((len(ids), 7))
         pose[:, :2] = self._box_start + self._box_offset[ids]
-        pose[:, 2] = sawyer.TABLE_TOP + self._table_height[ids] + self._half[2]
+        pose[:, 2] = self._rest(pose[:, :2], ids)
         pose[:, 3] = 1.0
+        if self._tilt is not None:
+            pose[:, 3:] = table.quaternion(self._tilt[ids])
         return pose
+
+    def _rest(self, xy: Array, ids: Array | slice) -> Array:
+        """How high the centre of a box is that lies on the table at places (n, 2) m, (n,) m."""
+        half, height = self._half_height[ids], self._table_height[ids]
+        if self._tilt is None:
+            rest: Array = sawyer.TABLE_TOP + height + half
+            return rest
+        return table.surface(xy, height, self._tilt[ids]) + half / table.normal(self._tilt[ids])[:, 2]
 
     def position(self) -> Array:
         """See `ArmEnvironment`."""
@@ -140,10 +155,10 @@ class PushEnvironment(ArmEnvironment):
     def failed(self) -> Array:
         """A box that fell off the table, flies or was thrown, or an unstable simulation, (N,) bool."""
         broken = super().failed()
-        rest = self._table_height + self._half[2]
-        height = self.arms.object_pose[:, 2]
+        box = np.nan_to_num(self.arms.object_pose[:, :3], posinf=0.0, neginf=0.0)
+        height, rest = box[:, 2], self._rest(box[:, :2], slice(None))
         speed = np.abs(self.arms.object_velocity[:, :3]).max(axis=1)
-        lost: Array = broken | (height < rest - self._half[2]) | (height > rest + LIFTED) | ~(speed < THROWN)
+        lost: Array = broken | (height < rest - self._half_height) | (height > rest + LIFTED) | ~(speed < THROWN)
         return lost
 
     def privileged(self) -> Array:
@@ -160,20 +175,26 @@ class PushEnvironment(ArmEnvironment):
         one, zero = np.ones(self.num), np.zeros(self.num)
         self._table_height = parameters.get("table_height", zero)
         self._box_offset = parameters.get("object_offset", np.zeros((self.num, 2)))
+        tilt, size = parameters.get("table_tilt"), parameters.get("object_size", one)
+        self._tilt = tilt if tilt is not None and tilt.any() else None
+        nominal = pushing_distance(self._task)
+        self._half_height = size * self._task.box_size[2] / 2
+        self._pushing_distance = (nominal + (size - 1.0) * (nominal - CONTACT_GAP))[:, None]
         gain = parameters.get("gain", np.ones((self.num, 7))).mean(axis=1)
         friction, mass = parameters.get("contact_friction", one), parameters.get("object_mass", one)
         self._robot = np.stack([friction, mass, gain, parameters.get("latency", zero) / self.control_period], axis=1)
 
     def object_seen(self) -> Array:
-        """See `ArmEnvironment`; a camera errs in the angle about as far as in the place of an edge."""
+        """See `ArmEnvironment`: its place from the last observation, its angle as uncertain as the place of an edge."""
         pose = self.arms.object_pose.copy()
-        if self._noise is not None:
-            noise = self._noise["position"]
-            pose[:, :2] += noise * self._sensors.standard_normal((self.num, 2))
-            half = noise[:, 0] / self._half[:2].mean() * self._sensors.standard_normal(self.num) / 2
-            w, x, y, z = pose[:, 3:].T.copy()
-            cosine, sine = np.cos(half), np.sin(half)  # a turn about the vertical, then the pose
-            pose[:, 3:] = np.stack([cosine * w - sine * z, cosine * x - sine * y, cosine * y + sine * x, cosine * z + sine * w], 1)
+        if self._sensors is None:
+            return pose
+        gripper = self._true()[:, 7:] + pose[:, :3]
+        pose[:, :3] = gripper - self._measured[:, 7:]
+        half = self._sensors.angle_error(self._pushing_distance[:, 0]) / 2
+        w, x, y, z = pose[:, 3:].T
+        cosine, sine = np.cos(half), np.sin(half)  # a turn about the vertical, then the pose
+        pose[:, 3:] = np.stack([cosine * w - sine * z, cosine * x - sine * y, cosine * y + sine * x, cosine * z + sine * w], 1)
         return pose
 
     def judged_seen(self, object_pose: Array | None) -> Array:
@@ -186,7 +207,7 @@ class PushEnvironment(ArmEnvironment):
     def imagine(self, ids: Array, state: Array) -> None:
         """See `Environment`; the box lies on this robot's own table, however high the other one is."""
         lying = state.copy()
-        lying[:, -5] = sawyer.TABLE_TOP + self._table_height[ids] + self._half[2]
+        lying[:, -5] = self._rest(state[:, -7:-5], ids)
         super().imagine(ids, lying)
 
     def snapshot(self) -> dict[str, Array]:

@@ -8,22 +8,23 @@ import numpy as np
 from skillcli.envs import sawyer
 from skillcli.envs.arm_environment import ArmEnvironment
 from skillcli.envs.environment import Array
+from skillcli.envs.robot import Robot
 from skillcli.recipe import ReachTask
 
 
-def reach_spec(task: ReachTask, delay: bool = False) -> mujoco.MjSpec:
+def reach_spec(task: ReachTask, delay: bool = False, robot: Robot | None = None) -> mujoco.MjSpec:
     """The scene of the task: the arm behind its table."""
-    return sawyer.arm_spec(task.timestep, delay)
+    return robot.arm_spec(task, delay) if robot else sawyer.arm_spec(task.timestep, delay)
 
 
 class ReachEnvironment(ArmEnvironment):
-    """N Sawyer arms without objects.
+    """N arms without objects.
 
     Observed beside the joints: the gripper's position, m. Reward: minus the distance of gripper and goal, m.
     """
 
-    def __init__(self, task: ReachTask, num: int, threads: int = 0, delay: bool = False) -> None:
-        super().__init__(task, reach_spec(task, delay), np.array(task.goals), num, threads)
+    def __init__(self, task: ReachTask, num: int, threads: int = 0, delay: bool = False, robot: Robot | None = None) -> None:
+        super().__init__(task, reach_spec(task, delay, robot), np.array(task.goals), num, threads, robot)
 
     def position(self) -> Array:
         """See `ArmEnvironment`."""

@@ -5,12 +5,25 @@ from __future__ import annotations
 import hashlib
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 MODEL_FILE = Path(__file__).parent / "models" / "sawyer.xml"
 JOINTS = tuple(f"right_j{i}" for i in range(7))
+GRIPPER = "gripper"  # the site at the finger's tip: tasks are judged there
+
+
+class Names(NamedTuple):
+    """What an arm calls its parts."""
+
+    joints: tuple[str, ...]  # seven, from the base to the hand
+    servos: tuple[str, ...]  # the position actuator of each
+    finger: tuple[str, ...]  # geoms that push
+
+
+NAMES = Names(JOINTS, JOINTS, ("palm", "rod"))
 
 # Rethink's public sawyer_description, rad/s; 0.04 rad in 50 ms is 0.8 rad/s and keeps every joint below them.
 VELOCITY_LIMIT = np.array([1.74, 1.328, 1.957, 1.957, 3.485, 3.485, 4.545])
@@ -42,9 +55,22 @@ def arm_spec(timestep: float, delay: bool = False) -> mujoco.MjSpec:
         delay: whether actuators keep a history, so that a domain can delay them.
     """
     spec = mujoco.MjSpec.from_file(str(MODEL_FILE))
+    add_table(spec)
+    set_clock(spec, timestep, delay)
+    return spec
+
+
+def set_clock(spec: mujoco.MjSpec, timestep: float, delay: bool) -> None:
+    """Set the time step, s, and let the servos remember their commands for the latency they have or a domain may give them."""
     spec.option.timestep = timestep
-    for actuator in spec.actuators:
-        actuator.nsample = 1 + math.ceil(DELAY_HISTORY / timestep) if delay else 0
+    for name in NAMES.servos:
+        servo = spec.actuator(name)
+        history = servo.delay + (DELAY_HISTORY if delay else 0.0)
+        servo.nsample = 1 + math.ceil(history / timestep) if history else 0
+
+
+def add_table(spec: mujoco.MjSpec) -> None:
+    """Put the table where all tasks have it."""
     table = spec.worldbody.add_body(name="table", pos=[*TABLE_CENTRE, TABLE_TOP - TABLE_HALF_SIZE[2]])
     table.add_geom(
         name="table",
@@ -54,7 +80,6 @@ def arm_spec(timestep: float, delay: bool = False) -> mujoco.MjSpec:
         priority=1,  # else the larger friction of a pair counts, and a slippery table never would
         friction=[0.6, 0.005, 1e-4],
     )
-    return spec
 
 
 def fingerprint(spec: mujoco.MjSpec) -> str:

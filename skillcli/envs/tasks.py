@@ -16,6 +16,7 @@ from skillcli.envs.environment import Array, Environment
 from skillcli.envs.point import PointEnvironment
 from skillcli.envs.push import PushEnvironment, push_spec, pushing_distance
 from skillcli.envs.reach import ReachEnvironment, reach_spec
+from skillcli.envs.robot import Robot
 from skillcli.errors import UsageError
 from skillcli.recipe import PointTask, PushTask, ReachTask
 
@@ -55,7 +56,7 @@ CHAINS: dict[str, dict[str, str]] = {
 INTERPOLATED_SETS = ("pairs", "neighbours")  # interpolations of many routes, one for each pair of skills
 
 
-def make(task: Task, num: int, threads: int = 0, delay: bool = False) -> Environment:
+def make(task: Task, num: int, threads: int = 0, delay: bool = False, robot: Robot | None = None) -> Environment:
     """N simulations of a task.
 
     Args:
@@ -63,12 +64,18 @@ def make(task: Task, num: int, threads: int = 0, delay: bool = False) -> Environ
         num: simulations.
         threads: of the engine, 0 for all cores; results do not depend on it.
         delay: whether a domain may delay the actuators.
+        robot: another robot instead of the Sawyer that skills are trained on.
+
+    Raises:
+        UsageError: the robot does not fit the task.
     """
     if isinstance(task, PointTask):
+        if robot is not None:
+            raise UsageError("the point task has no robot to replace", "robots are for reach and push")
         return PointEnvironment(task, num)
     if isinstance(task, PushTask):
-        return PushEnvironment(task, num, threads, delay)
-    return ReachEnvironment(task, num, threads, delay)
+        return PushEnvironment(task, num, threads, delay, robot)
+    return ReachEnvironment(task, num, threads, delay, robot)
 
 
 def _spec_of(task: ReachTask | PushTask) -> mujoco.MjSpec:
@@ -81,7 +88,7 @@ def model_of(task: Task) -> mujoco.MjModel | None:
 
 
 def model_fingerprint(task: Task) -> str:
-    """SHA-256 of the task's model; empty for the point."""
+    """SHA-256 of the task's model with the Sawyer; empty for the point. Other robots have a fingerprint of their own."""
     return "" if isinstance(task, PointTask) else sawyer.fingerprint(_spec_of(task))
 
 

@@ -32,6 +32,9 @@ class RecordedEnvironment(Protocol):
     def snapshot(self) -> dict[str, Array]:
         """What a recording keeps of the present moment, and among it the point that is judged."""
 
+    def violations(self) -> Array:
+        """Which limits of `SAFETY_LIMITS` the present state breaks, (N, K) bool; K is 0 where there are none."""
+
 
 def play(
     env: RecordedEnvironment, act: Act, latent: Array, skill: Array, steps: Array | None = None
@@ -68,6 +71,7 @@ def conduct(env: RecordedEnvironment, act: Act, feed: Feed, steps: int) -> tuple
     moments, actions, rewards, fed = [env.snapshot()], [], [], []
     observations = [env.observe()]
     length, failed = np.zeros(num, dtype=int), np.zeros(num, dtype=bool)
+    broken = np.zeros_like(env.violations(), dtype=np.int32)
     for t in range(steps):
         given = feed(t, failed)
         if given is None:
@@ -81,6 +85,7 @@ def conduct(env: RecordedEnvironment, act: Act, feed: Feed, steps: int) -> tuple
         actions.append(np.where(running[:, None], env.applied, 0.0))
         failing = running & step.terminated
         length[running] = t + 1
+        broken += env.violations() & running[:, None]
         failed |= failing
         moments.append(_frozen(env.snapshot(), moments[-1], ~running | failing))
     state = {name: np.stack([moment[name] for moment in moments], axis=1) for name in moments[0]}
@@ -93,6 +98,7 @@ def conduct(env: RecordedEnvironment, act: Act, feed: Feed, steps: int) -> tuple
         target=env.target.copy(),
         success=~failed,
         length=length,
+        violations=broken if broken.shape[1] else None,
         **{name: values.astype(np.float32) for name, values in state.items()},
     )
     near = metrics.final_distance(recording) <= env.tolerance

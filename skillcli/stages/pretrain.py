@@ -126,7 +126,10 @@ def _train(
         success = {name: point[f"success/{k + 1}"] for k, name in enumerate(names)}
         rate = (learner.env_steps - first_step) / seconds
         note = f"final distance {point['final_distance']:.3f} m"
-        report(Progress("pretrain", learner.iteration, total, "iterations", rate, success, note))
+        named = {name: value for name, value in point.items() if not name.startswith("success/")}
+        scalars = {**named, **{f"success/{name}": share for name, share in success.items()}}
+        share = learner.env_steps / learner.sampling_seconds / bare.rate if bare.rate else None
+        report(Progress("pretrain", learner.iteration, total, "iterations", rate, success, note, share, scalars))
         if stop.requested and not learner.finished:
             save()
             resumed = command if "--resume" in command else f"{command} --resume"

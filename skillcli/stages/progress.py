@@ -20,6 +20,8 @@ class Progress:
     rate: float = 0.0  # control steps per second
     success: Mapping[str, float] = field(default_factory=dict)  # by skill or domain
     note: str = ""
+    physics_share: float | None = None  # rate of collecting over that of the bare engine so far
+    scalars: Mapping[str, float] = field(default_factory=dict)  # this point of the learning curves
 
 
 Report = Callable[[Progress], None]

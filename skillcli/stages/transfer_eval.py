@@ -151,20 +151,19 @@ def _within(report: Report, target: Domain, done: int, total: int) -> Callable[[
 def replan_on(
     library: Library, script: Script, domain: Domain, seed: int, replanner: Replanner, told: Callable[[int, int], None]
 ) -> tuple[Trajectories, dict[str, Array]]:
-    """Like `run_on`, on the same robots, but the script only says where to go and how long it takes in the source."""
+    """Like `run_on`, on the same robots, but the script only says where to go."""
     task, episodes = library.recipe.task, len(script.latent)
     drawn = sample(domain.parameters, episodes, generator(seed, f"domain {domain.name}"))
     target = make(task, 1, delay="latency" in drawn)
-    patience = replanner.leg.recipe.transfer.patience
+    steps = replanner.leg.steps(replanner.leg.recipe.transfer.replan_seconds)
     recordings = []
-    for episode, (waypoints, steps) in enumerate(zip(script.waypoints, script.steps, strict=True)):
+    for episode, waypoints in enumerate(script.waypoints):
         told(episode, episodes)
         if drawn:
             one = {name: values[episode : episode + 1] for name, values in drawn.items()}
             target.perturb(one, generator(seed, f"sensors {domain.name} {episode}"))
         target.reset(np.array([0]), np.array([0]))
-        longest = max(task.horizon, round(patience * int(steps)))
-        recordings.append(replanner.episode(target, waypoints, longest, seed))
+        recordings.append(replanner.episode(target, waypoints, steps * len(waypoints), seed))
     return Trajectories.join(recordings), drawn
 
 

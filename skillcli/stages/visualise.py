@@ -25,6 +25,7 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
     task = library.recipe.task
     waypoints, waypoint_route, routes = _waypoints(store, artifact)
     each = len(recording.length) // max(1, len(artifact.results.get("domains", [])))
+    source = _source(store, artifact, len(library.names))
     return Scene(
         title=str(artifact.id),
         kind=artifact.kind,
@@ -43,6 +44,9 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
         curves=artifact.group("curves"),
         episode_labels=_labels(artifact, library.names, recording),
         intervals={domain["name"]: (domain["success_rate"], *domain["ci95"]) for domain in artifact.results.get("domains", [])},
+        source=source,
+        episode_source=np.arange(recording.episodes) % each % (source.episodes if source else 1),
+        drawn=_drawn(artifact, recording.episodes),
     )
 
 
@@ -68,6 +72,28 @@ def _waypoints(store: Store, artifact: Artifact) -> tuple[Array, Array, int]:
             route = arrays["waypoints/route"]
             return arrays["waypoints/target"], route, int(route.max()) + 1
     return np.zeros((0, 3)), np.zeros(0, dtype=int), 1
+
+
+def _source(store: Store, artifact: Artifact, skills: int) -> Trajectories | None:
+    """What a transfer sent, as the source recorded it: each route of a composition, or each bare skill at its mean."""
+    if artifact.kind != "transfer-eval":
+        return None
+    parent = store.read(store.current(artifact.parents[0].id))
+    recording = Trajectories(**parent.group("trajectories"))
+    if parent.kind == "compose":
+        return recording
+    every = recording.episodes // skills if parent.kind == "pretrain" else 1  # the mean comes first of each skill's latents
+    return recording.select(np.arange(skills) * every)
+
+
+def _drawn(artifact: Artifact, episodes: int) -> dict[str, Array]:
+    """Parameters drawn for each episode of a transfer, (E,) or (E, n) by name; NaN where a domain leaves one alone."""
+    found: dict[str, Array] = {}
+    for index, domain in enumerate(artifact.results.get("domains", [])):
+        rows = artifact.arrays["episodes/domain"] == index
+        for name, values in artifact.group(f"domains/{domain['name']}").items():
+            found.setdefault(name, np.full((episodes, *values.shape[1:]), np.nan))[rows] = values
+    return found
 
 
 def _labels(artifact: Artifact, skills: tuple[str, ...], recording: Trajectories) -> tuple[str, ...]:

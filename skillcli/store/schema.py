@@ -53,6 +53,7 @@ TRAJECTORIES = {
     "trajectories/target": Field("episode,xyz", "m"),
     "trajectories/success": Field("episode"),
     "trajectories/length": Field("episode", "step"),
+    "trajectories/violations": Field("episode,limit", "step", required=False),
     **POSITIONS,
 }
 EMBEDDING = {

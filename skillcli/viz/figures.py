@@ -10,39 +10,20 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec, SubplotSpec
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
 from skillcli.errors import UsageError
 from skillcli.viz import motion, panels_space, panels_time, panels_transfer
+from skillcli.viz.canvas import FORMATS, blank, encoded, legend, mark, skill_handles, styled
 from skillcli.viz.files import replacing
-from skillcli.viz.palette import BETWEEN, look
+from skillcli.viz.palette import BETWEEN, TARGET
 from skillcli.viz.scene import Scene
 
-FORMATS = ("png", "pdf", "svg")
-DPI = 200
-STYLE: Any = {  # matplotlib types the keys as one literal of all its settings
-    "font.size": 8,
-    "axes.titlesize": 8.5,
-    "axes.titlelocation": "left",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.linewidth": 0.7,
-    "axes.axisbelow": True,
-    "grid.color": "#E4E4E4",
-    "grid.linewidth": 0.5,
-    "legend.frameon": False,
-    "legend.handlelength": 2.6,
-    "lines.linewidth": 1.4,
-    "pdf.fonttype": 42,  # text stays text, so that a journal can embed the font
-    "svg.hashsalt": "skill",  # the same picture gives the same file
-}
 MAX_COLUMNS = 4  # domains beside one another
 
 
@@ -60,17 +41,14 @@ def figure(scene: Scene, path: Path) -> None:
     suffix = path.suffix.lower().removeprefix(".")
     if suffix not in FORMATS:
         raise UsageError(f"cannot draw a figure as {path.name!r}", f"end its name in {', '.join(FORMATS)}")
-    dated = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}[suffix]
-    with matplotlib.rc_context(STYLE), replacing(path) as temporary:
-        drawn = draw(scene)
-        drawn.savefig(temporary, format=suffix, dpi=DPI, metadata=dated)
+    with styled(), replacing(path) as temporary:
+        temporary.write_bytes(encoded(draw(scene), suffix))
 
 
 def draw(scene: Scene) -> Figure:
     """The figure of a scene, not yet written."""
     compositions: dict[str, Callable[[Figure, Scene], None]] = {"compose": _composed, "transfer-eval": _transferred}
-    drawn = Figure(layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.06, wspace=0.03, hspace=0.04))
-    FigureCanvasAgg(drawn)
+    drawn = blank(10.5, 6.0)
     compositions.get(scene.kind, _learned)(drawn, scene)
     return drawn
 
@@ -186,20 +164,13 @@ def _head(drawn: Figure, scene: Scene) -> None:
 def _skill_legend(drawn: Figure, scene: Scene, skills: range | list[int]) -> None:
     """Number, name and look of the skills in use, and the marks of an execution, below everything."""
     names = ["between skills" if skill < 0 else panels_space.numbered(scene, skill) for skill in skills]
-    looks = [look(skill) for skill in skills]
-    handles = [
-        Line2D([], [], color=each.color, ls=each.dash, marker=each.marker, ms=4, label=name)
-        for each, name in zip(looks, names, strict=True)
-    ]
+    handles: list[Artist] = [*skill_handles(zip(skills, names, strict=True))]
     if scene.kind in ("compose", "transfer-eval"):
-        for mark, filling, name in (("o", "white", "start"), ("o", "black", "success"), ("X", "white", "failure")):
-            handles.append(Line2D([], [], color="black", ls="none", marker=mark, mfc=filling, ms=4, mew=0.8, label=name))
-        handles.append(Line2D([], [], color="black", ls="none", marker="+", ms=6, label="goal of a skill"))
+        handles += [mark("start", "o", "white"), mark("success", "o"), mark("failure", "X", "white")]
+        handles += [mark("goal of a skill", "+", size=6)]
     if scene.kind == "embed-means" and scene.trajectories.episodes > len(scene.skills):
-        handles.append(Line2D([], [], color="black", ls=":", marker="D", ms=3.5, label="mean of two neighbours"))
-        handles.append(Line2D([], [], color="black", ls="none", marker="x", ms=5, label="half-way between their goals"))
+        handles.append(Line2D([], [], color=TARGET, ls=":", marker="D", ms=3.5, label="mean of two neighbours"))
+        handles.append(mark("half-way between their goals", "x", size=5))
     if scene.trajectories.object_pose is not None and scene.trajectories.gripper_position is not None:
         handles.append(Line2D([], [], color=BETWEEN, lw=0.6, label="gripper"))
-    longest = max((len(name) for name in names), default=1)
-    columns = max(1, min(len(handles), int(150 / (longest + 9))))
-    drawn.legend(handles=handles, loc="outside lower center", ncols=columns)
+    legend(drawn, handles, width=150)

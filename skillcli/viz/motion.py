@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -12,7 +13,8 @@ from skillcli.trajectories import Array
 from skillcli.viz.scene import Scene
 
 MAX_PLAYED = 8  # episodes shown moving; more make a recording long, not clearer
-WORST_PER_DOMAIN = 2
+MAX_TRANSFERRED = 20  # the same over all domains of a transfer, but each domain has one
+SAME = 1e-6  # m: episodes of a domain that end nearer to each other than this count as one
 
 
 class Piece(NamedTuple):
@@ -144,12 +146,47 @@ def reached(scene: Scene, episode: int) -> Array:
 
 
 def played(scene: Scene) -> list[int]:
-    """The episodes worth watching: each skill at its mean, or the worst of each domain, or the first ones."""
+    """The episodes worth watching: each skill at its mean, or of each domain those that span it, or the first ones.
+
+    The domain with the worst end comes first, and in it the worst episode.
+    """
     if scene.kind in ("pretrain", "embed-means") and (at_means := list(mean_episodes(scene).values())):
         return at_means[:MAX_PLAYED]
     if scene.kind != "transfer-eval":
         return list(range(min(scene.trajectories.episodes, MAX_PLAYED)))
     groups, gaps = domains(scene), final_distance(scene.trajectories)
-    each = max(1, min(WORST_PER_DOMAIN, MAX_PLAYED // max(len(groups), 1)))
-    worst = [sorted(episodes, key=lambda e: -gaps[e])[:each] for episodes in groups.values()]
-    return [episode for chosen in worst for episode in chosen][:MAX_PLAYED]
+    each = max(1, MAX_TRANSFERRED // max(1, len(groups)))
+    worst_first = sorted(groups.values(), key=lambda episodes: -gaps[episodes].max())
+    return [episode for episodes in worst_first for episode in spanning(episodes, gaps, each)]
+
+
+def spanning(episodes: list[int], gaps: Array, count: int) -> list[int]:
+    """Of these episodes the three worst, a middle one and the best, worst first; fewer where fewer are wanted or differ.
+
+    Args:
+        episodes: to choose from.
+        gaps: (E,) m, final distances of all episodes.
+        count: at most so many.
+    """
+    ordered = sorted(episodes, key=lambda episode: -gaps[episode])
+    distinct = ordered[:1] + [b for a, b in pairwise(ordered) if gaps[a] - gaps[b] > SAME]
+    last = len(distinct) - 1
+    by_weight = list(dict.fromkeys(min(rank, last) for rank in (0, last, (last + 1) // 2, 1, 2)))
+    return [distinct[rank] for rank in sorted(by_weight[:count])]
+
+
+def sent(scene: Scene) -> Scene | None:
+    """What a transfer sent to its robots, as a scene of its own: one episode per route or skill; None where it is not known."""
+    if scene.source is None:
+        return None
+    episodes = scene.source.episodes
+    routes = np.arange(episodes) % (int(scene.waypoint_route.max(initial=0)) + 1)
+    return replace(
+        scene,
+        kind="compose",
+        trajectories=scene.source,
+        episode_route=routes,
+        episode_labels=tuple(f"sent {episode}" for episode in range(episodes)),
+        source=None,
+        drawn={},
+    )

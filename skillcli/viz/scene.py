@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import mujoco
+import numpy as np
 
 from skillcli.trajectories import Array, Trajectories
 
@@ -35,6 +36,10 @@ class Scene:
     curves: Mapping[str, Array]  # learning curves by name, (iterations,) each; may be empty
     episode_labels: tuple[str, ...]  # (E,) such as "skill 1", "skill 1, latent 3", "nominal 0", "mild 4"
     intervals: Mapping[str, tuple[float, float, float]]  # per domain: success rate, its low and high end
+    # A transfer only:
+    source: Trajectories | None = None  # (R episodes) what was sent, as it went in the simulation it was made in
+    episode_source: Array = field(default_factory=lambda: np.zeros(0, dtype=int))  # (E,) which of those each episode repeats
+    drawn: Mapping[str, Array] = field(default_factory=dict)  # parameters, (E,) or (E, n); NaN: the domain leaves it alone
 
     def __post_init__(self) -> None:
         """Refuse labels and skills that do not match the arrays they name."""
@@ -46,6 +51,9 @@ class Scene:
             "means": (len(self.means), len(self.skills)),
             "stds": (len(self.stds), len(self.skills)),
         }
+        if self.source is not None:
+            counts["episode_source"] = (len(self.episode_source), self.trajectories.episodes)
+        counts |= {name: (len(values), self.trajectories.episodes) for name, values in self.drawn.items()}
         for name, (got, expected) in counts.items():
             if got != expected:
                 raise ValueError(f"scene {self.title}: {name} has {got} rows, expected {expected}")

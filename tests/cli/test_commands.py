@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from command import TINY_SET, Result, files, made, skill
 
+from skillcli.envs.domains import PRESETS
 from skillcli.envs.tasks import DESCRIPTIONS
 from skillcli.recipe import recipe_names
 from skillcli.store import STAGES
@@ -238,9 +239,21 @@ def test_what_is_available_is_listed() -> None:
     shown = made("recipes", "show", "reach", "--set", "training.iterations=7")
     assert shown["recipe"]["training"]["iterations"] == 7 and len(shown["sha256"]) == 64
     assert {task["name"] for task in made("tasks")["tasks"]} == set(DESCRIPTIONS)
-    assert [domain["name"] for domain in made("domains")["domains"]] == ["nominal", "random-starts", "mild", "real-like"]
+    assert [domain["name"] for domain in made("domains")["domains"]] == list(PRESETS)
     for words in (["recipes"], ["recipes", "show", "reach"], ["tasks"], ["domains"]):
         assert "reach" in skill(*words).out or words == ["domains"]
+
+
+def test_one_domain_is_shown_with_units_and_meaning_also_from_a_file(tmp_path: Path) -> None:
+    shown = made("domains", "latency-40")["domain"]
+    assert shown["parameters"]["latency"]["range"] == "0.04" and shown["parameters"]["latency"]["unit"] == "s"
+    own = tmp_path / "worn.toml"
+    own.write_text('name = "worn"\ndescription = "a [worn] arm"\nextends = "latency-40"\n[parameters]\ngain = 0.8\n')
+    assert made("domains", own)["domain"]["parameters"].keys() == {"latency", "gain"}
+    assert "a [worn] arm" in skill("domains", str(own)).out
+    own.write_text('name = "worn"\n[parameters]\ngian = 0.8\n')
+    refused = skill("domains", str(own))
+    assert refused.code == 2 and "did you mean 'gain'" in refused.err and refused.out == ""
 
 
 def test_doctor_finds_this_machine_healthy_and_leaves_nothing(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skillcli.envs.domains import DOMAINS, find_domain
+from skillcli.envs.domains import PRESETS, find_domain
 from skillcli.envs.point import PointEnvironment
 from skillcli.envs.push import PushEnvironment
 from skillcli.envs.reach import ReachEnvironment
@@ -24,7 +24,7 @@ def rng(seed: int = 0) -> np.random.Generator:
     return np.random.default_rng(seed)
 
 
-@pytest.mark.parametrize("name", DOMAINS)
+@pytest.mark.parametrize("name", PRESETS)
 def test_parameters_are_drawn_again_the_same_within_their_ranges(name: str) -> None:
     domain = find_domain(name)
     drawn, again = sample(domain.parameters, 200, rng()), sample(domain.parameters, 200, rng())

@@ -29,6 +29,9 @@ class Line:
     def judged(self) -> Array:
         return np.stack([self.x, 0 * self.x, 0 * self.x], axis=1)
 
+    def violations(self) -> Array:
+        return np.stack([self.x > 1.5, self.x < 0], axis=1)
+
     def snapshot(self) -> dict[str, Array]:
         return {"gripper_position": self.judged()}
 
@@ -134,3 +137,11 @@ def test_each_simulation_has_its_own_waypoints_and_its_own_end() -> None:
     recording = play_waypoints(env, act, *held(1, 1, 1), [on(1, 2), on(1, 3, 4), on(3)], steps)
     np.testing.assert_array_equal(recording.target[:, 0], [2, 4, 3])
     assert recording.success.tolist() == [True, True, False], "the third is passed only behind the end"
+
+
+def test_steps_beyond_a_limit_are_counted_while_an_episode_runs() -> None:
+    """At one metre a step, step 2 and every later one ends beyond 1.5 m; the second episode has only three of them."""
+    recording, _ = play(Line([4.0, 4.0, 0.0]), act, *held(1, 1, -1), np.array([4, 3, 4]))
+    assert recording.violations is not None
+    assert recording.violations.tolist() == [[3, 0], [2, 0], [0, 4]]
+    assert recording.select([1]).violations.tolist() == [[2, 0]]  # type: ignore[union-attr]

@@ -152,6 +152,8 @@ def make(kind: str, task: str, *, sampled: int = 2, model: Any = None, skills: t
         "embedding_std": np.linspace(1, 0.2, count),
         **{f"success/{name}": learned ** (1 + k / 2) for k, name in enumerate(skills)},
     }
+    transfer = kind == "transfer-eval"
+    half = np.arange(len(labels)) % 2  # every second robot of the last domain answers late
     return Scene(
         title=f"{task}/{kind}-v1",
         kind=kind,
@@ -169,7 +171,15 @@ def make(kind: str, task: str, *, sampled: int = 2, model: Any = None, skills: t
         stds=stds,
         curves=curves if kind == "pretrain" else {},
         episode_labels=tuple(labels),
-        intervals=_intervals(trajectories.success, labels) if kind == "transfer-eval" else {},
+        intervals=_intervals(trajectories.success, labels) if transfer else {},
+        source=trajectories.select([0]) if transfer else None,
+        episode_source=np.zeros(len(labels) if transfer else 0, dtype=int),
+        drawn={
+            "latency": np.where([label.startswith("real") for label in labels], 0.05 * half, np.nan),
+            "gain": np.where([[label.startswith("real")] for label in labels], np.full((len(labels), 7), 1.25), np.nan),
+        }
+        if transfer
+        else {},
     )
 
 

@@ -1,5 +1,6 @@
 """Figures: what is drawn, and what is left behind."""
 
+import io
 import subprocess
 import sys
 from dataclasses import replace
@@ -13,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from skillcli.errors import SkillError, UsageError
-from skillcli.viz import figures, motion, panels_space
+from skillcli.viz import canvas, motion, panels_space
 from skillcli.viz.figures import draw, figure
 from skillcli.viz.palette import look
 
@@ -32,7 +33,7 @@ def titles(drawn: Figure) -> list[str]:
     ],
 )
 def test_every_kind_gives_a_picture_with_ink(kind: str, task: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(figures, "DPI", 60)  # coarse is enough here, and quick
+    monkeypatch.setattr(canvas, "DPI", 60)  # coarse is enough here, and quick
     figure(scenes.make(kind, task), tmp_path / "scene.png")
     pixels = imread(tmp_path / "scene.png")[..., :3]
     assert pixels.shape[0] > 240 and pixels.shape[1] == 630
@@ -129,8 +130,8 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path, monkeypa
     path = tmp_path / "scene.png"
     path.write_text("old")
 
-    def full(self: Figure, where: Path, **_: object) -> None:
-        where.write_bytes(b"half")
+    def full(self: Figure, stream: io.BytesIO, **_: object) -> None:
+        stream.write(b"half")
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Figure, "savefig", full)

@@ -91,11 +91,45 @@ def test_a_sampled_latent_belongs_to_the_skill_whose_goal_it_had() -> None:
     assert motion.mean_episodes(scene) == {k: k for k in range(8)}
 
 
-def test_a_transfer_plays_the_worst_of_each_domain_worst_first() -> None:
+def test_a_transfer_plays_the_worst_domain_and_episode_first() -> None:
     scene = scenes.make("transfer-eval", "point")
     gaps = np.linalg.norm(scene.trajectories.judged[:, -1] - scene.trajectories.target, axis=-1)
-    expected = [6 * d + int(e) for d in range(3) for e in np.argsort(-gaps[6 * d : 6 * d + 6])[:2]]
-    assert motion.played(scene) == expected
+    played = motion.played(scene)
+    assert len(played) == 15 and played[0] == int(gaps.argmax())
+    of = [[e for e in played if e // 6 == d] for d in range(3)]
+    for domain, chosen in enumerate(of):
+        order = [6 * domain + int(e) for e in np.argsort(-gaps[6 * domain : 6 * domain + 6])]
+        assert chosen == [order[0], order[1], order[2], order[3], order[5]]
+    assert played == [e for chosen in sorted(of, key=lambda chosen: -gaps[chosen[0]]) for e in chosen]
+
+
+def test_episodes_that_span_a_domain_are_the_worst_three_a_middle_one_and_the_best() -> None:
+    gaps = np.array([0.1, 0.9, 0.3, 0.5, 0.7, 0.2, 0.4, 0.6, 0.8])
+    assert motion.spanning(list(range(9)), gaps, 5) == [1, 8, 4, 3, 0]
+    assert motion.spanning(list(range(9)), gaps, 2) == [1, 0], "few: the worst and the best"
+    assert motion.spanning([3, 4, 5], gaps, 5) == [4, 3, 5]
+    assert motion.spanning([0, 1, 2], np.array([0.2, 0.2, 0.2]), 5) == [0], "what ends alike is seen once"
+
+
+def test_what_was_sent_is_measured_by_its_own_route() -> None:
+    scene = routed()
+    again = replace(
+        scene,
+        kind="transfer-eval",
+        source=scene.trajectories,
+        episode_source=np.array([0, 1]),
+        episode_labels=("nominal 0", "nominal 1"),
+    )
+    sent = motion.sent(again)
+    assert sent is not None and motion.closest(sent, 1) == pytest.approx([0.2])
+    assert motion.sent(scene) is None
+
+
+@pytest.mark.parametrize("name", ["episode_source", "latency"])
+def test_a_scene_refuses_a_source_or_parameters_that_do_not_match(name: str) -> None:
+    wrong = {"episode_source": np.zeros(5, dtype=int)} if name == "episode_source" else {"drawn": {name: np.zeros(5)}}
+    with pytest.raises(ValueError, match=rf"{name} has 5 rows, expected \d"):
+        replace(scenes.make("transfer-eval", "point"), **wrong)
 
 
 def test_labels_name_their_domain() -> None:

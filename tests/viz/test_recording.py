@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 
@@ -14,8 +15,9 @@ from rerun.chunk import RrdReader
 from skillcli.errors import SkillError
 from skillcli.viz import motion
 from skillcli.viz.palette import BETWEEN, look, rgba
-from skillcli.viz.recording import record
+from skillcli.viz.recording import notes, record
 from skillcli.viz.recording.clock import PAUSE_S, clocks
+from skillcli.viz.recording.space import rest_after
 
 
 def column(path: Path, entity: str, name: str) -> list[object]:
@@ -46,6 +48,9 @@ def test_every_kind_is_recorded_with_what_its_views_show(kind: str, task: str, t
     expected |= {"/world/waypoints/tolerance"} if len(scene.waypoints) else {"/world/goals/tolerance"}
     expected |= {"/series/joint_speed", "/world/model/lower/capsule"} if task != "point" else set()
     expected |= {"/world/model/box/box"} if task == "push" else set()
+    expected |= {"/episode"}
+    expected |= {"/source/now", "/source/path", "/world/planned", "/world/executed"} if kind == "transfer-eval" else set()
+    expected |= {"/source/model/lower"} if kind == "transfer-eval" and task != "point" else set()
     for entity in expected:
         assert any(found.startswith(entity) for found in entities), f"{entity} is missing from {entities}"
     assert path.stat().st_size < 5_000_000
@@ -150,8 +155,46 @@ def test_learning_curves_have_their_own_timeline(tmp_path: Path) -> None:
 
 def test_one_place_that_is_due_twice_has_one_label(tmp_path: Path) -> None:
     record(scenes.make("compose", "reach"), tmp_path / "scene.rrd")
-    (labels,) = column(tmp_path / "scene.rrd", "/world/waypoints/centers", "Points3D:labels")
+    (labels,) = column(tmp_path / "scene.rrd", "/world/waypoints/names", "Points3D:labels")
     assert sorted(labels) == ["waypoint 1, 4", "waypoint 2", "waypoint 3"]
+
+
+def test_the_source_moves_as_planned_while_the_target_does_not(tmp_path: Path) -> None:
+    scene = scenes.make("transfer-eval", "push")
+    record(scene, tmp_path / "scene.rrd")
+    sent = motion.sent(scene)
+    assert sent is not None
+    rows = len(scene.trajectories.time)
+    found = (column(tmp_path / "scene.rrd", f"/{root}/model/box", "Transform3D:translation") for root in ("source", "world"))
+    source, target = (np.array(places).reshape(-1, 3) for places in found)
+    assert len(source) == len(target) == rows * len(motion.played(scene))
+    assert np.allclose(source[:rows, :2], motion.path(sent, 0)[:, :2], atol=1e-6)
+    assert np.allclose(target[:rows, :2], motion.path(scene, motion.played(scene)[0])[:, :2], atol=1e-6)
+    assert np.abs(source[rows - 1] - target[rows - 1]).max() > 0.01, "the worst episode comes first"
+
+
+def test_a_source_that_ends_early_rests_until_the_target_ends() -> None:
+    scene = scenes.make("compose", "point")
+    short = replace(scene, trajectories=replace(scene.trajectories, length=np.array([3])))
+    assert rest_after(np.arange(6), short, 0).tolist() == [0, 1, 2, 3, 3, 3]
+
+
+def test_an_episode_says_what_was_drawn_for_it_and_where_it_ends(tmp_path: Path) -> None:
+    scene = scenes.make("transfer-eval", "reach")
+    gap = 100 * np.linalg.norm(scene.trajectories.judged[13, -1] - scene.trajectories.target[13])
+    assert notes.label(scene, 13) == f"real-like 1: ends {gap:.1f} cm off\nlatency 50 ms"
+    assert "latency" not in notes.label(scene, 0), "nothing was drawn on the nominal robot"
+    told = notes.card(scene, 13)
+    assert "| latency | 0.05 | s |" in told and "| gain | 1.25 1.25" in told
+    record(scene, tmp_path / "scene.rrd")
+    labels = [row[0] for row in column(tmp_path / "scene.rrd", "/world/now", "Points3D:labels") if row]
+    assert labels == [notes.title(scene, episode) for episode in motion.played(scene)]
+    first = motion.played(scene)[0]
+    (names,) = column(tmp_path / "scene.rrd", f"/series/distance/{first:03d}-real-like-{first - 12}", "SeriesLines:names")
+    assert names == [notes.label(scene, first)]
+    assert column(tmp_path / "scene.rrd", "/episode", "TextDocument:text") == [
+        [notes.card(scene, episode)] for episode in motion.played(scene)
+    ]
 
 
 def test_a_missing_folder_is_said_in_one_line(tmp_path: Path) -> None:

@@ -1,8 +1,9 @@
 """An artifact as a rerun recording: arm, goals and paths in space, the way through the latent space, and series.
 
 Entities: `world` holds everything in space, `latent` the latent space, `series` what changes over a control step,
-`learning` the curves of training, and `provenance` where it all came from. The chosen episodes are played one after
-another on the timelines `step` and `sim_time`; learning has its own, `iteration`.
+`learning` the curves of training, `provenance` where it all came from, and `episode` what is known of the one that plays.
+In a transfer `source` holds what was sent, as it went in the simulation. The chosen episodes are played one after another
+on the timelines `step` and `sim_time`; learning has its own, `iteration`.
 
 This package is the only place that knows rerun.
 """
@@ -20,9 +21,10 @@ from skillcli.viz.files import replacing
 from skillcli.viz.recording.clock import clocks
 from skillcli.viz.recording.latent import log_means, log_moving
 from skillcli.viz.recording.layout import slug
+from skillcli.viz.recording.notes import log_card
 from skillcli.viz.recording.opening import blueprint
 from skillcli.viz.recording.series import log_curves, log_series
-from skillcli.viz.recording.space import log_goals, log_model, log_paths
+from skillcli.viz.recording.space import log_comparison, log_goals, log_model, log_paths
 from skillcli.viz.scene import Scene
 
 
@@ -62,8 +64,8 @@ def _entities(path: Path) -> list[str]:
 
 def _log_all(stream: rr.RecordingStream, scene: Scene) -> None:
     stream.send_recording_name(scene.title)
-    stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    stream.log("latent", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    for root in ("world", "latent", *(["source"] if scene.source is not None else [])):
+        stream.log(root, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     document = rr.TextDocument(scene.provenance, media_type=rr.MediaType.MARKDOWN)
     stream.log("provenance", document, static=True)
     log_goals(stream, scene)
@@ -76,3 +78,5 @@ def _log_all(stream: rr.RecordingStream, scene: Scene) -> None:
     for clock in played:
         log_moving(stream, scene, clock)
         log_series(stream, scene, clock)
+        log_card(stream, scene, clock)
+        log_comparison(stream, scene, clock)

@@ -6,9 +6,11 @@ import numpy as np
 import rerun as rr
 
 from skillcli.viz import motion
-from skillcli.viz.palette import BETWEEN, rgba
+from skillcli.viz.palette import BETWEEN, TARGET_IN_VIEWER, rgba
 from skillcli.viz.recording.clock import Clock
-from skillcli.viz.recording.layout import episode_color, extent, in_space, key, latent_extent, skill_colors
+from skillcli.viz.recording.layout import called, episode_color, extent, in_space, key, latent_extent, skill_colors
+from skillcli.viz.recording.notes import title
+from skillcli.viz.recording.space import rest_after
 from skillcli.viz.scene import Scene
 
 
@@ -21,10 +23,10 @@ def log_means(stream: rr.RecordingStream, scene: Scene) -> None:
         means,
         radii=latent_extent(scene) / 120,
         colors=[rgba(c) for c in colors],
-        labels=list(scene.skills),
-        show_labels=True,
     )
     stream.log("latent/means", points, static=True)
+    names = rr.Points3D(means, radii=0, colors=rgba(TARGET_IN_VIEWER), labels=called(scene), show_labels=True)
+    stream.log("latent/names", names, static=True)
     thin = latent_extent(scene) / 1000  # an ellipsoid needs some height in a dimension the latent does not have
     shells = rr.Ellipsoids3D(
         centers=means,
@@ -39,12 +41,13 @@ def log_moving(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
     """A named marker on the judged point and one on the latent that is fed."""
     data = scene.trajectories
     length = int(data.length[clock.episode])
-    color = rgba(episode_color(scene, clock.episode))
+    transferred = scene.kind == "transfer-eval"  # the label of the marker has its colour
+    color = rgba(TARGET_IN_VIEWER if transferred else episode_color(scene, clock.episode))
     # in the other kinds the goal's own label says it, and two on one place cannot be read
-    label = [scene.episode_labels[clock.episode]] if scene.kind == "transfer-eval" else None
+    said = [title(scene, clock.episode)] if transferred else None
     fed = in_space(data.latent[clock.episode, :length])
     for entity, rows, radius, where, labels in (
-        ("world/now", slice(0, length + 1), extent(scene) / 90, motion.path(scene, clock.episode), label),
+        ("world/now", slice(0, length + 1), extent(scene) / 90, motion.path(scene, clock.episode), said),
         ("latent/now", slice(0, length), latent_extent(scene) / 60, fed, None),
     ):
         if not len(where):
@@ -53,6 +56,20 @@ def log_moving(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
         first = rr.Points3D.columns(colors=[color], radii=[radius], labels=labels)
         stream.send_columns(entity, clock.columns(data.time, slice(rows.start, rows.start + 1)), first)
         stream.send_columns(entity, clock.columns(data.time, rows), rr.Points3D.columns(positions=where))
+    _log_source(stream, scene, clock)
     if length and np.any(data.latent[clock.episode, :length] != data.latent[clock.episode, 0]):
         strip = rr.LineStrips3D([fed], colors=[rgba(BETWEEN)], radii=latent_extent(scene) / 300)
         stream.log(f"latent/paths/{key(scene, clock.episode)}", strip, static=True)
+
+
+def _log_source(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
+    """In a transfer, the judged point of the source at the same time."""
+    sent = motion.sent(scene)
+    if sent is None:
+        return
+    index, length = int(scene.episode_source[clock.episode]), int(scene.trajectories.length[clock.episode])
+    where = sent.trajectories.judged[index, rest_after(np.arange(length + 1), sent, index)]
+    times = clock.columns(scene.trajectories.time, slice(0, length + 1))
+    look = rr.Points3D.columns(colors=[rgba(TARGET_IN_VIEWER)], radii=[extent(scene) / 90], labels=["source"])
+    stream.send_columns("source/now", clock.columns(scene.trajectories.time, slice(0, 1)), look)
+    stream.send_columns("source/now", times, rr.Points3D.columns(positions=where))

@@ -32,6 +32,11 @@ def group(scene: Scene, episode: int) -> str:
     return slug(scene.skills[skill]) if skill >= 0 else "no-skill"
 
 
+def called(scene: Scene) -> list[str]:
+    """What the skills are called in space, (K,): a bare number could be that of a waypoint."""
+    return [f"skill {name}" if name.isdecimal() else name for name in scene.skills]
+
+
 def skill_colors(scene: Scene) -> list[str]:
     """One colour per skill, (K,)."""
     return [look(k).color for k in range(len(scene.skills))]

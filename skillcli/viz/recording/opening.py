@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import rerun.blueprint as rrb
 
@@ -10,15 +12,17 @@ from skillcli.viz import motion
 from skillcli.viz.recording.layout import curve_path, in_space, slug, spread
 from skillcli.viz.scene import Scene
 
-SERIES = ("distance", "reward", "success", "action_norm", "latent", "joint_speed")
+SERIES = ("distance", "latent", "reward", "success", "action_norm", "joint_speed")
+FIRST_CURVES = ("success", "final_distance", "return", "kl")
+LATENT_BACK = 1.5  # the latent view is wide and low: from further back all of it is in sight
 MAX_LEGEND = 4  # a longer legend hides the plot; names are still shown under the mouse
 _UNITS = {"distance": "m", "action_norm": "rad per step", "joint_speed": "rad/s"}
 
 
-def _eye(points: Array, flat: bool) -> rrb.EyeControls3D:
+def _eye(points: Array, flat: bool, back: float = 1.0) -> rrb.EyeControls3D:
     """Look at the points: from above when they lie in a plane, else from the front and the right of the robot."""
     low, high = points.min(axis=0), points.max(axis=0)
-    center, reach = (low + high) / 2, float(np.linalg.norm(high - low)) or 1.0
+    center, reach = (low + high) / 2, back * float(np.linalg.norm(high - low)) or 1.0
     away = np.array([0.0, 0.0, 0.85]) if flat else np.array([0.66, -0.58, 0.44])
     return rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
@@ -29,10 +33,15 @@ def _eye(points: Array, flat: bool) -> rrb.EyeControls3D:
 
 
 def blueprint(scene: Scene) -> rrb.Blueprint:
-    """Space left and large; latent space, series and provenance to its right."""
-    right = rrb.Vertical(_latent_view(scene), _series_tabs(scene), _notes(scene), row_shares=[3, 3, 2])
+    """What the kind of artifact is about stands large: skills, the latent space, the plan, or two robots side by side."""
+    layouts: dict[str, Callable[[Scene], rrb.Container]] = {
+        "pretrain": _trained,
+        "embed-means": _embedded,
+        "compose": _composed,
+        "transfer-eval": _transferred,
+    }
     return rrb.Blueprint(
-        rrb.Horizontal(_space_views(scene), right, column_shares=[3, 2]),
+        layouts[scene.kind](scene),
         rrb.TimePanel(state="collapsed", timeline="sim_time", play_state="playing", loop_mode="all"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
@@ -41,33 +50,75 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
     )
 
 
-def _space_views(scene: Scene) -> rrb.View | rrb.Container:
-    """One view, and in a transfer one more per domain."""
+def _trained(scene: Scene) -> rrb.Container:
+    """Skills in space beside their latents; how they were learned behind a tab, which has another timeline."""
+    right = rrb.Vertical(_latent_view(scene), rrb.Tabs(*_series(scene)), _notes(scene), row_shares=[3, 3, 2])
+    skills = rrb.Horizontal(_space_view(scene), right, column_shares=[3, 2], name="skills")
+    if not (curves := _curve_views(scene)):
+        return skills
+    return rrb.Tabs(skills, rrb.Grid(*curves, name="learning (choose the timeline iteration below)"))
+
+
+def _embedded(scene: Scene) -> rrb.Container:
+    """The latent space large, what each latent does beside it."""
+    left = rrb.Vertical(_latent_view(scene), rrb.Tabs(*_series(scene)), row_shares=[2, 1])
+    right = rrb.Vertical(_space_view(scene), _notes(scene), row_shares=[2, 1])
+    return rrb.Horizontal(left, right)
+
+
+def _composed(scene: Scene) -> rrb.Container:
+    """The plan in space, in the latent space and over time."""
+    first, *others = _series(scene)
+    right = rrb.Vertical(_latent_view(scene), rrb.Tabs(first, *others[1:]), others[0], _notes(scene), row_shares=[3, 2, 2, 2])
+    return rrb.Horizontal(_space_view(scene), right, column_shares=[3, 2])
+
+
+def _transferred(scene: Scene) -> rrb.Container:
+    """Source and target at the same time; below them how far they are, the latent that is fed, and the robot that was drawn."""
+    paths = [_space_view(scene, "all paths"), *(_space_view(scene, name, slug(name)) for name in motion.domains(scene))]
+    robots = [rrb.Tabs(_target_view(scene), *paths)]
+    if scene.source is not None:
+        robots.insert(0, rrb.Tabs(_source_view(scene)))
+    below = rrb.Horizontal(rrb.Tabs(*_series(scene)), _latent_view(scene), _notes(scene), column_shares=[3, 2, 3])
+    return rrb.Vertical(rrb.Horizontal(*robots), below, row_shares=[3, 2])
+
+
+def _space_view(scene: Scene, name: str = "", folder: str = "") -> rrb.View:
+    """Everything in space; with a folder only the paths in it."""
+    hidden = ["- $origin/executed/**", "- $origin/planned/**"]
+    if folder:
+        hidden += ["- $origin/paths/**", f"+ $origin/paths/{folder}/**"]
     eye = _eye(spread(scene), flat=scene.model is None)
-    everything = rrb.Spatial3DView(origin="/world", name=scene.title, eye_controls=eye)
-    if scene.kind != "transfer-eval":
-        return everything
-    single = [
-        rrb.Spatial3DView(
-            origin="/world",
-            contents=["+ $origin/**", "- $origin/paths/**", f"+ $origin/paths/{slug(name)}/**"],
-            name=name,
-            eye_controls=eye,
-        )
-        for name in motion.domains(scene)
-    ]
-    return rrb.Tabs(everything, *single)
+    return rrb.Spatial3DView(origin="/world", contents=["+ $origin/**", *hidden], name=name or scene.title, eye_controls=eye)
+
+
+def _target_view(scene: Scene) -> rrb.View:
+    """The episode that plays on its robot, its path beside the planned one."""
+    contents = ["+ $origin/**", "- $origin/paths/**"]
+    eye = _eye(spread(scene), flat=scene.model is None)
+    return rrb.Spatial3DView(origin="/world", contents=contents, name="target (white: the planned path)", eye_controls=eye)
+
+
+def _source_view(scene: Scene) -> rrb.View:
+    """The same commands in the simulation they were made in."""
+    contents = ["+ $origin/**", "+ /world/goals/**", "+ /world/waypoints/**"]
+    eye = _eye(spread(scene), flat=scene.model is None)
+    return rrb.Spatial3DView(origin="/source", contents=contents, name="source (as planned)", eye_controls=eye)
 
 
 def _latent_view(scene: Scene) -> rrb.View:
+    """Seen from above where there are two components: a view in 2-D would have y point down."""
+    size = scene.means.shape[-1]
     corners = np.concatenate([in_space(scene.means - scene.stds), in_space(scene.means + scene.stds), np.zeros((1, 3))])
-    return rrb.Spatial3DView(origin="/latent", name="latent space", eye_controls=_eye(corners, flat=scene.means.shape[-1] < 3))
+    name = "latent space" + (f" (the first 3 of {size} components)" if size > 3 else "")
+    return rrb.Spatial3DView(origin="/latent", name=name, eye_controls=_eye(corners, flat=size < 3, back=LATENT_BACK))
 
 
-def _series_tabs(scene: Scene) -> rrb.Container:
+def _series(scene: Scene) -> list[rrb.View]:
+    """One view per quantity that changes over control steps, in the order of `SERIES`."""
     names = [name for name in SERIES if name != "joint_speed" or scene.trajectories.joint_position is not None]
     few = len(motion.played(scene)) <= MAX_LEGEND
-    views = [
+    return [
         rrb.TimeSeriesView(
             origin=f"/series/{name}",
             name=_series_title(scene, name),
@@ -75,7 +126,6 @@ def _series_tabs(scene: Scene) -> rrb.Container:
         )
         for name in names
     ]
-    return rrb.Tabs(*views)
 
 
 def _series_title(scene: Scene, name: str) -> str:
@@ -84,14 +134,18 @@ def _series_title(scene: Scene, name: str) -> str:
 
 
 def _notes(scene: Scene) -> rrb.Container:
-    """Provenance, and a view per learning curve; these need another timeline, which their names say."""
+    """Where it comes from, and what is known of the episode that plays; in a transfer the episode first."""
     provenance = rrb.TextDocumentView(origin="/provenance", name="provenance")
+    episode = rrb.TextDocumentView(origin="/episode", name="episode")
+    return rrb.Tabs(*((episode, provenance) if scene.kind == "transfer-eval" else (provenance, episode)))
+
+
+def _curve_views(scene: Scene) -> list[rrb.View]:
+    """A view per learning curve, those of all skills in one."""
     groups: dict[str, list[str]] = {}
-    for name in scene.curves:
+    for name in sorted(scene.curves, key=lambda name: not name.startswith(FIRST_CURVES)):
         if name != "env_steps":
             groups.setdefault(name.split("/")[0].removesuffix("_rate"), []).append(f"/learning/{curve_path(name)}")
-    views = [
-        rrb.TimeSeriesView(origin="/learning", contents=paths, name=f"{name.replace('_', ' ')} (timeline: iteration)")
-        for name, paths in groups.items()
+    return [
+        rrb.TimeSeriesView(origin="/learning", contents=paths, name=name.replace("_", " ")) for name, paths in groups.items()
     ]
-    return rrb.Tabs(provenance, *views)

@@ -7,9 +7,10 @@ import rerun as rr
 
 from skillcli.trajectories import Array
 from skillcli.viz import motion
-from skillcli.viz.palette import look, rgba
+from skillcli.viz.palette import BETWEEN, look, rgba
 from skillcli.viz.recording.clock import Clock
 from skillcli.viz.recording.layout import curve_path, episode_color, key
+from skillcli.viz.recording.notes import label
 from skillcli.viz.scene import Scene
 
 SYMBOLS = {"latent": "z", "joint_speed": "j"}
@@ -19,9 +20,11 @@ def log_series(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
     """What changes over the control steps of one played episode."""
     for name, (rows, values) in _single(scene, clock.episode).items():
         entity = f"series/{name}/{key(scene, clock.episode)}"
-        names, colors = [scene.episode_labels[clock.episode]], [rgba(episode_color(scene, clock.episode))]
+        said = label(scene, clock.episode) if scene.kind == "transfer-eval" else scene.episode_labels[clock.episode]
+        names, colors = [said], [rgba(episode_color(scene, clock.episode))]
         stream.log(entity, rr.SeriesLines(colors=colors, names=names), static=True)
         stream.send_columns(entity, clock.columns(scene.trajectories.time, rows), rr.Scalars.columns(scalars=values))
+    _log_source(stream, scene, clock)
     for name, (rows, values) in _several(scene, clock.episode).items():
         first = 1 if name == "latent" else 0  # the arm's joints are counted from 0, as in the model
         names = [f"{SYMBOLS[name]}{i + first}" for i in range(values.shape[-1])]
@@ -29,6 +32,19 @@ def log_series(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
         stream.log(f"series/{name}", rr.SeriesLines(colors=colors, names=names), static=True)
         columns = rr.Scalars.columns(scalars=values)
         stream.send_columns(f"series/{name}", clock.columns(scene.trajectories.time, rows), columns)
+
+
+def _log_source(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
+    """In a transfer, the distance that the source had at the same time."""
+    sent = motion.sent(scene)
+    if sent is None:
+        return
+    values = motion.distance(sent, int(scene.episode_source[clock.episode]))
+    rows = slice(0, min(len(values), int(scene.trajectories.length[clock.episode]) + 1))
+    entity = f"series/distance/{key(scene, clock.episode)}-source"
+    stream.log(entity, rr.SeriesLines(colors=rgba(BETWEEN), names="source"), static=True)
+    columns = rr.Scalars.columns(scalars=values[rows])
+    stream.send_columns(entity, clock.columns(scene.trajectories.time, rows), columns)
 
 
 def _single(scene: Scene, episode: int) -> dict[str, tuple[slice, Array]]:

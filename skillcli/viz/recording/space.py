@@ -7,12 +7,13 @@ import rerun as rr
 
 from skillcli.trajectories import Array
 from skillcli.viz import kinematics, motion
-from skillcli.viz.palette import BETWEEN, TARGET_IN_VIEWER, look, rgba
+from skillcli.viz.palette import TARGET_IN_VIEWER, look, rgba
 from skillcli.viz.recording.clock import Clock
-from skillcli.viz.recording.layout import extent, group, key, skill_colors, slug
+from skillcli.viz.recording.layout import called, extent, group, key, skill_colors, slug
 from skillcli.viz.scene import Scene
 
 TOLERANCE_ALPHA = 64  # of 255
+MANY = 6  # waypoints, beyond which their labels are their numbers alone
 
 
 def log_goals(stream: rr.RecordingStream, scene: Scene) -> None:
@@ -20,7 +21,7 @@ def log_goals(stream: rr.RecordingStream, scene: Scene) -> None:
     composed = len(scene.waypoints) > 0
     colors = [rgba(color) for color in skill_colors(scene)]
     dot, around = scene.tolerance / 6, None if composed else scene.tolerance
-    _log_spheres(stream, "world/goals", scene.goals, list(scene.skills), colors, dot, around)
+    _log_spheres(stream, "world/goals", scene.goals, called(scene), colors, dot, around)
     if composed:
         centers, names = _numbered(scene.waypoints)
         white = [rgba(TARGET_IN_VIEWER)] * len(names)
@@ -31,7 +32,8 @@ def _numbered(waypoints: Array) -> tuple[Array, list[str]]:
     """Distinct places among the waypoints, and what to call each: one place can be due twice."""
     places, which = np.unique(waypoints, axis=0, return_inverse=True)
     orders = [np.flatnonzero(which.ravel() == place) + 1 for place in range(len(places))]
-    return places, ["waypoint " + ", ".join(map(str, order)) for order in orders]
+    word = "waypoint " if len(places) <= MANY else ""
+    return places, [word + ", ".join(map(str, order)) for order in orders]
 
 
 def _log_spheres(
@@ -46,8 +48,10 @@ def _log_spheres(
     """Labelled points of radius `dot` (m); with a tolerance (m) each inside its translucent sphere."""
     if not len(centers):
         return
-    points = rr.Points3D(centers, radii=dot, colors=colors, labels=names, show_labels=True)
-    stream.log(f"{entity}/centers", points, static=True)
+    stream.log(f"{entity}/centers", rr.Points3D(centers, radii=dot, colors=colors), static=True)
+    # a label has the colour of its point, and the darker ones cannot be read on the viewer's ground
+    written = rr.Points3D(centers, radii=0, colors=rgba(TARGET_IN_VIEWER), labels=names, show_labels=True)
+    stream.log(f"{entity}/names", written, static=True)
     if tolerance is None:
         return
     spheres = rr.Ellipsoids3D(
@@ -70,11 +74,7 @@ def log_paths(stream: rr.RecordingStream, scene: Scene) -> None:
         entity = f"world/paths/{group(scene, episode)}/{key(scene, episode)}"
         stream.log(entity, _strips(scene, [episode], width, 1.0), static=True)
         if scene.trajectories.object_pose is not None and scene.trajectories.gripper_position is not None:
-            rows = int(scene.trajectories.length[episode]) + 1
-            hand = rr.LineStrips3D(
-                [scene.trajectories.gripper_position[episode, :rows]], colors=[rgba(BETWEEN)], radii=width / 3
-            )
-            stream.log(f"{entity}/gripper", hand, static=True)
+            stream.log(f"{entity}/gripper", _strips(scene, [episode], width / 3, 0.7, hand=True), static=True)
     rest: dict[str, list[int]] = {}
     for episode in sorted(set(range(scene.trajectories.episodes)) - set(shown)):
         rest.setdefault(group(scene, episode), []).append(episode)
@@ -82,10 +82,28 @@ def log_paths(stream: rr.RecordingStream, scene: Scene) -> None:
         stream.log(f"world/paths/{folder}/others", _strips(scene, episodes, width / 3, 0.5), static=True)
 
 
-def _strips(scene: Scene, episodes: list[int], radius: float, alpha: float) -> rr.LineStrips3D:
+def log_comparison(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
+    """Of a transfer's played episode what was executed, and the path planned for it; the next episode replaces both."""
+    sent = motion.sent(scene)
+    if sent is None:
+        return
+    width, index = extent(scene) / 300, int(scene.episode_source[clock.episode])
+    stream.set_time("step", sequence=clock.first_step)
+    stream.set_time("sim_time", duration=clock.start)
+    stream.log("world/executed", _strips(scene, [clock.episode], width, 1.0))
+    stream.log("source/path", _strips(sent, [index], width, 1.0))
+    planned = rr.LineStrips3D([motion.path(sent, index)], colors=rgba(TARGET_IN_VIEWER, 0.8), radii=width / 2)
+    stream.log("world/planned", planned)
+    stream.reset_time()
+
+
+def _strips(scene: Scene, episodes: list[int], radius: float, alpha: float, hand: bool = False) -> rr.LineStrips3D:
+    """Paths of the judged point, or of the gripper, cut and coloured by skill."""
     strips, colors = [], []
     for episode in episodes:
         moved = motion.path(scene, episode)
+        if hand and scene.trajectories.gripper_position is not None:
+            moved = scene.trajectories.gripper_position[episode]
         for part in motion.pieces(scene, episode):
             strips.append(moved[part.start : part.stop + 1])
             colors.append(rgba(look(part.skill).color, alpha))
@@ -93,30 +111,48 @@ def _strips(scene: Scene, episodes: list[int], radius: float, alpha: float) -> r
 
 
 def log_model(stream: rr.RecordingStream, scene: Scene, clocks: list[Clock]) -> None:
-    """The bodies' shapes once, and their poses over the played episodes."""
+    """The bodies' shapes once, and their poses over the played episodes; in a transfer also those of the source."""
+    sent = motion.sent(scene)
+    roots = {"world": scene} if sent is None else {"world": scene, "source": sent}
+    visible = kinematics.shapes(scene.model)
+    for root in roots:
+        for body, shapes in visible.items():
+            for form in sorted({shape.form for shape in shapes}):
+                archetype = _shape_archetype(form, [shape for shape in shapes if shape.form == form])
+                stream.log(f"{_body_entity(scene, root, body)}/{form}", archetype, static=True)
+    for root, played in roots.items():
+        for clock in clocks:
+            episode = clock.episode if played is scene else int(scene.episode_source[clock.episode])
+            rows = rest_after(np.arange(int(scene.trajectories.length[clock.episode]) + 1), played, episode)
+            _log_poses(stream, played, root, episode, rows, clock, list(visible))
+
+
+def rest_after(rows: Array, scene: Scene, episode: int) -> Array:
+    """Rows of an episode, in which it rests in its last state when they go on longer than it does."""
+    found: Array = np.minimum(rows, int(scene.trajectories.length[episode]))
+    return found
+
+
+def _log_poses(
+    stream: rr.RecordingStream, scene: Scene, root: str, episode: int, rows: Array, clock: Clock, bodies: list[int]
+) -> None:
+    """Poses of the bodies in these rows of an episode, on the first rows of the clock."""
     data = scene.trajectories
     assert data.joint_position is not None  # the caller has looked
-    visible = kinematics.shapes(scene.model)
-    for body, shapes in visible.items():
-        for form in sorted({shape.form for shape in shapes}):
-            archetype = _shape_archetype(form, [shape for shape in shapes if shape.form == form])
-            stream.log(f"{_body_entity(scene, body)}/{form}", archetype, static=True)
-    for clock in clocks:
-        rows = slice(0, int(data.length[clock.episode]) + 1)
-        box = None if data.object_pose is None else data.object_pose[clock.episode, rows]
-        positions, quaternions = kinematics.body_poses(scene.model, data.joint_position[clock.episode, rows], box)
-        for body in visible:
-            entity = _body_entity(scene, body)
-            if kinematics.moves(scene.model, body):
-                columns = rr.Transform3D.columns(translation=positions[:, body], quaternion=quaternions[:, body])
-                stream.send_columns(entity, clock.columns(data.time, rows), columns)
-            elif clock is clocks[0]:
-                pose = rr.Transform3D(translation=positions[0, body], quaternion=rr.Quaternion(xyzw=quaternions[0, body]))
-                stream.log(entity, pose, static=True)
+    box = None if data.object_pose is None else data.object_pose[episode, rows]
+    positions, quaternions = kinematics.body_poses(scene.model, data.joint_position[episode, rows], box)
+    for body in bodies:
+        entity = _body_entity(scene, root, body)
+        if kinematics.moves(scene.model, body):
+            columns = rr.Transform3D.columns(translation=positions[:, body], quaternion=quaternions[:, body])
+            stream.send_columns(entity, clock.columns(data.time, slice(0, len(rows))), columns)
+        elif clock.first_step == 0:
+            pose = rr.Transform3D(translation=positions[0, body], quaternion=rr.Quaternion(xyzw=quaternions[0, body]))
+            stream.log(entity, pose, static=True)
 
 
-def _body_entity(scene: Scene, body: int) -> str:
-    return f"world/model/{slug(kinematics.body_name(scene.model, body))}"
+def _body_entity(scene: Scene, root: str, body: int) -> str:
+    return f"{root}/model/{slug(kinematics.body_name(scene.model, body))}"
 
 
 def _shape_archetype(form: str, shapes: list[kinematics.Shape]) -> rr.AsComponents:

@@ -1,0 +1,66 @@
+"""The command `skill report`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from skillcli.cli import complete
+from skillcli.cli.session import Session
+
+if TYPE_CHECKING:
+    from skillcli.stages.report import Reported
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the app."""
+    app.command(rich_help_panel="Look")(report)
+
+
+def report(
+    context: typer.Context,
+    sources: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[ID]...",
+            help="Ids, NAME/STAGE or unique beginnings; without any, the newest of every name and kind.",
+            autocompletion=complete.ids,
+        ),
+    ] = None,
+    output: Annotated[Path, typer.Option("-o", "--output", help="The page.", metavar="FILE.html")] = Path("report.html"),
+) -> None:
+    """Write one HTML page with the paper's figures and tables from these artifacts, and the figures as PDF and PNG."""
+    session: Session = context.obj
+    store = session.store
+    found = [store.resolve(source) for source in sources or ()]
+    from skillcli.stages.report import report as stage
+
+    done = stage(store, found, output)
+    for skipped in done.page.skipped:
+        session.say(f"not used: {skipped.what}: {skipped.reason}")
+    for missing in done.page.not_drawn:
+        session.say(f"not drawn: {missing.what}: {missing.reason}")
+    size = done.html.stat().st_size / 1e6
+    counted = f"{len(done.page.drawings)} figures, also in {done.folder}; {len(done.page.origins)} artifacts"
+    session.result(_payload(done), f"{done.html} ({size:.1f} MB): {counted}")
+
+
+def _payload(done: Reported) -> dict[str, Any]:
+    return {
+        "html": str(done.html),
+        "figures": [
+            {
+                "paper_figure": drawing.paper_figure,
+                "title": drawing.title,
+                "file": str(done.folder / f"{drawing.slug}.pdf"),
+                "png": str(done.folder / f"{drawing.slug}.png"),
+                "artifacts": list(drawing.artifacts),
+            }
+            for drawing in done.page.drawings
+        ],
+        "artifacts": [origin.id for origin in done.page.origins],
+        "not_drawn": [{"figure": missing.what, "reason": missing.reason} for missing in done.page.not_drawn],
+        "skipped": [{"id": skipped.what, "reason": skipped.reason} for skipped in done.page.skipped],
+    }

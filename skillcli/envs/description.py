@@ -1,0 +1,146 @@
+"""How another robot is described: a small TOML file beside its MJCF, bounded and checked here without opening the model."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import ValidationError, model_validator
+
+from skillcli.errors import UsageError
+from skillcli.recipe import Joints, Vector3
+from skillcli.section import Section, value
+
+Quaternion = tuple[float, float, float, float]
+SEVEN = 7
+_EXAMPLE = "docs/robots.md has an example"
+_LENGTHS = {"pos": "three", "quat": "four"}
+
+
+class Frame(Section):
+    """A pose in a frame that the context names."""
+
+    pos: Vector3 = value((0, 0, 0), "offset", "m")
+    quat: Quaternion = value((1, 0, 0, 0), "orientation, w x y z; any length but zero", "")
+
+    @model_validator(mode="after")
+    def _turns(self) -> Frame:
+        if not any(self.quat):
+            raise ValueError("quat must not be all zeros")
+        return self
+
+
+class Gripper(Frame):
+    """Where the finger is mounted, or ends where the model has one: a site, or a pose on a body. z points out of the hand."""
+
+    site: str = value("", "a site of the model; or else", "")
+    body: str = value("", "a body of the model, with pos and quat in its frame", "")
+
+    @model_validator(mode="after")
+    def _one_of_them(self) -> Gripper:
+        if bool(self.site) == bool(self.body):
+            raise ValueError('give either site = "NAME", or body = "NAME" with pos and quat')
+        if self.site and {"pos", "quat"} & self.model_fields_set:
+            raise ValueError("a site has its own pose: pos and quat go with body")
+        return self
+
+
+class Gains(Section):
+    """Position control of the seven joints, for a model without position servos; replaces its own where it has them."""
+
+    kp: Joints = value(..., "stiffness of each joint", "N·m/rad")
+    kv: Joints = value(..., "damping of each joint", "N·m·s/rad")
+    force: Joints | None = value(None, "largest torque of each joint; by default that of the model's motor", "N·m")
+
+    @model_validator(mode="after")
+    def _positive(self) -> Gains:
+        if min(self.kp) <= 0 or min(self.kv) <= 0 or (self.force is not None and min(self.force) <= 0):
+            raise ValueError("every gain and force must be positive")
+        return self
+
+
+class Description(Section):
+    """A robot file."""
+
+    model: str = value(..., "the MJCF file, relative to the robot file", "", min_length=1)
+    joints: tuple[str, ...] = value(..., "the seven arm joints, from the base to the hand", "")
+    gripper: Gripper = value(..., "where the finger is mounted, or ends", "")
+    finger: tuple[str, ...] | None = value(
+        None, "geoms, or bodies with all their geoms, that push; [] for none; without this key ours is mounted at the gripper"
+    )
+    gains: Gains | None = value(None, "position control, where the model has torque motors or no actuators", "")
+    actuators: tuple[str, ...] | None = value(None, "the actuator of each joint, where a joint has several", "")
+    gravity_compensation: bool | None = value(
+        None, "whether the controller carries the arm; by default yes with `gains`, else as the model says"
+    )
+    start: Joints | None = value(None, "joint vector at reset; by default the task's", "rad")
+    timestep: float | None = value(None, "of the physics; by default the model's own", "s", gt=0, le=0.02)
+    base: Frame = Frame()
+
+    @model_validator(mode="after")
+    def _seven(self) -> Description:
+        for name, given in (("joints", self.joints), ("actuators", self.actuators)):
+            if given is None:
+                continue
+            if len(given) != SEVEN:
+                raise ValueError(f"{name} must name seven, from the base to the hand, got {len(given)}")
+            twice = sorted({item for item in given if given.count(item) > 1})
+            if twice:
+                raise ValueError(f"{name} names {twice[0]!r} more than once")
+        return self
+
+
+def read_description(path: Path) -> Description:
+    """Read a robot file.
+
+    Raises:
+        UsageError: it is not there, is not TOML, has an unknown key or a value out of bounds.
+    """
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
+        raise UsageError("no such file", "a robot is described by a small TOML file; docs/robots.md has an example") from None
+    except (UnicodeDecodeError, OSError, ValueError, RecursionError) as error:
+        raise UsageError(f"cannot be read: {error}", "a robot file is TOML; docs/robots.md has an example") from error
+    try:
+        return Description.model_validate(content)
+    except ValidationError as error:
+        raise UsageError(*_explain(error)) from error
+
+
+@contextmanager
+def blaming(path: Path) -> Iterator[None]:
+    """Say in every error which robot file it is about."""
+    try:
+        yield
+    except UsageError as error:
+        raise UsageError(f"robot {path}: {error.message}", error.hint) from error
+
+
+def _explain(error: ValidationError) -> tuple[str, str]:
+    """One line and a hint out of pydantic's report, for its first complaint."""
+    first = error.errors()[0]
+    where = [str(part) for part in first["loc"]]
+    key = ".".join(where)
+    if first["type"] == "extra_forbidden":
+        return f"unknown key {key!r}", f"keys here: {', '.join(_keys(where[:-1]))}"
+    if where and (where[-1].isdigit() or first["type"] == "too_long"):  # a list of joints or coordinates
+        name = ".".join(part for part in where if not part.isdigit())
+        return f"{name}: expected {_LENGTHS.get(where[-2] if where[-1].isdigit() else where[-1], 'seven')} numbers", _EXAMPLE
+    if first["type"] == "missing":
+        return f"{key!r} is missing", _EXAMPLE
+    got = first.get("input")
+    shown = "" if isinstance(got, dict | list) or got is None else f", got {got!r}"
+    said = first["msg"].removeprefix("Value error, ")
+    return (f"{key}: " if key else "") + said + shown, _EXAMPLE
+
+
+def _keys(where: list[str]) -> list[str]:
+    model: Any = Description
+    for part in where:
+        annotation = model.model_fields[part].annotation
+        model = next((option for option in get_args(annotation) if hasattr(option, "model_fields")), annotation)
+    return list(model.model_fields)

@@ -1,0 +1,78 @@
+"""The limits that a real arm and its cell have: joint ranges, joint speeds, and a table that is no place for an arm.
+
+Judged at the ends of control steps. The tolerances leave room for what the simulation's soft stops and soft contacts do
+where a real arm would do nothing wrong.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from skillcli.trajectories import Array
+
+# rad past the end of a joint's range: stops are soft here, and give way by less under a servo that only leans on one.
+RANGE_TOLERANCE = 0.005
+
+# Contacts are soft here, so a finger that rests on the table sinks in a little. How deep, m, says how hard it presses: these
+# are the depths at about 30 N on the fingertip, with MuJoCo's own contact and with that of the push task, whose impedance
+# rises from nothing. Touching is allowed, leaning on the table is not.
+STIFF_TABLE_TOLERANCE = 5e-5
+SOFT_TABLE_TOLERANCE = 1e-3
+
+
+class Clearance:
+    """How deep an arm is in the table.
+
+    Every geom of the arm that collides at all is covered by points, each with a radius: capsules and spheres by balls
+    along their axes, boxes by their corners, cylinders by their rims, anything else by the corners of its bounding box.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._table = model.geom("table").id
+        self._half = model.geom_size[self._table].copy()
+        geoms = [geom for geom in range(model.ngeom) if _is_arm(model, geom)]
+        covers = [_cover(model, geom) for geom in geoms]
+        self._points = np.concatenate([points for points, _ in covers])
+        self._radii = np.concatenate([np.full(len(points), radius) for points, radius in covers])
+        self._owners = np.repeat(geoms, [len(points) for points, _ in covers])
+
+    def depth(self, position: Array, rotation: Array) -> Array:
+        """How far the deepest part is below the table top, within the table's rectangle, (N,) m; 0 where none is.
+
+        Args:
+            position: (N, G, 3) m, of all geoms.
+            rotation: (N, G, 9), of all geoms.
+        """
+        frame = rotation.reshape(*rotation.shape[:2], 3, 3)
+        each = position[:, self._owners] + np.einsum("npij,pj->npi", frame[:, self._owners], self._points)
+        on_table = np.einsum("npi,nij->npj", each - position[:, self._table, None], frame[:, self._table])
+        over = (np.abs(on_table[..., :2]) <= self._half[:2]).all(axis=2)
+        below: Array = self._half[2] - (on_table[..., 2] - self._radii)
+        deepest: Array = np.where(over, below, 0.0).max(axis=1).clip(min=0.0)
+        return deepest
+
+
+def _is_arm(model: mujoco.MjModel, geom: int) -> bool:
+    """Whether a geom belongs to a moving body that is no free object, and touches anything."""
+    body = model.body_rootid[model.geom_bodyid[geom]]
+    free = model.body_jntnum[body] > 0 and model.jnt_type[model.body_jntadr[body]] == mujoco.mjtJoint.mjJNT_FREE
+    moves = model.body_weldid[model.geom_bodyid[geom]] != 0
+    return bool(moves and not free and (model.geom_contype[geom] or model.geom_conaffinity[geom]))
+
+
+def _cover(model: mujoco.MjModel, geom: int) -> tuple[Array, float]:
+    """Points (P, 3) m in the geom's frame, and their radius, m."""
+    kind, size = model.geom_type[geom], model.geom_size[geom]
+    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        return np.zeros((1, 3)), float(size[0])
+    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        along = np.linspace(-size[1], size[1], 2 + int(2 * size[1] / size[0]))
+        return np.stack([0 * along, 0 * along, along], axis=1), float(size[0])
+    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        angle = np.arange(16) * 2 * np.pi / 16
+        rim = size[0] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        return np.concatenate([np.column_stack([rim, np.full(16, end)]) for end in (-size[1], size[1])]), 0.0
+    centre, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    return centre + signs * half, 0.0

@@ -1,0 +1,153 @@
+"""Which artifacts a report is about."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from skillcli.errors import SkillError, StoreError
+from skillcli.stages.visualise import scene_of
+from skillcli.store import Artifact, ArtifactId, Header, Store
+from skillcli.viz.scene import Scene
+
+LIMIT = 100  # artifacts on one page
+PREFERRED = "reference"  # names that begin so come first
+LONGEST = 40  # characters of a name on a figure
+
+
+@dataclass(frozen=True, eq=False)
+class Exhibit:
+    """An artifact and what there is to draw of it."""
+
+    artifact: Artifact
+    scene: Scene
+
+    @property
+    def id(self) -> str:
+        """The artifact's id."""
+        return str(self.artifact.id)
+
+    @property
+    def name(self) -> str:
+        """Whose library it is."""
+        return self.artifact.id.name
+
+    def value(self, *path: str | int) -> Any:
+        """What stands at a path of results or measured, such as ("results", "skills", 0, "success_rate"); None for nothing."""
+        found: Any = {"results": self.artifact.results, "measured": self.artifact.measured}
+        for step in path:
+            try:
+                found = found[step]
+            except (KeyError, IndexError, TypeError):
+                return None
+        return found
+
+
+@dataclass(frozen=True)
+class Material:
+    """What a report is made of, most wanted first."""
+
+    exhibits: tuple[Exhibit, ...]
+    skipped: tuple[tuple[ArtifactId, str], ...]
+    left_out: int
+
+    def find(self, kind: str, task: str = "", where: Callable[[Exhibit], bool] = lambda _: True) -> list[Exhibit]:
+        """The exhibits of a kind, a task (any by default) and a condition."""
+        of_kind = [one for one in self.exhibits if one.artifact.kind == kind and task in ("", one.scene.task)]
+        return [one for one in of_kind if where(one)]
+
+
+def select(store: Store, ids: Sequence[ArtifactId]) -> Material:
+    """The artifacts asked for with all that they were made from; with none, the newest of every kind and name.
+
+    Raises:
+        SkillError: nothing is there that could be reported.
+        StoreError: one that was asked for cannot be read.
+    """
+    listing = store.listing()
+    skipped = [(one.id, one.problem) for one in listing.unreadable]
+    wanted = _asked(store, ids) if ids else list(_newest(listing.headers))
+    exhibits = []
+    for one in wanted[:LIMIT]:
+        try:
+            artifact = store.read(one)
+            exhibits.append(Exhibit(artifact, _plain(scene_of(store, one))))
+        except SkillError as error:
+            if one in ids:
+                raise
+            skipped.append((one, error.message))
+        except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+            # made elsewhere: whole, but its results are not what this skill writes
+            skipped.append((one, f"its results are not those of its kind ({type(error).__name__}: {error})"))
+    if not exhibits:
+        _nothing(store, skipped)
+    known = set(wanted)
+    return Material(
+        tuple(exhibits),
+        tuple((one, problem) for one, problem in skipped if not ids or one in known),
+        max(0, len(wanted) - LIMIT),
+    )
+
+
+def _nothing(store: Store, skipped: Sequence[tuple[ArtifactId, str]]) -> None:
+    if skipped:
+        one, problem = skipped[0]
+        raise StoreError(
+            f"none of the {len(skipped)} artifacts in {store.root} can be used; {one}: {problem}",
+            "`skill verify --all` says more",
+        )
+    raise SkillError(
+        f"there is nothing to report in {store.root}", "make something with `skill demo`, or name a store: --store DIR"
+    )
+
+
+def _asked(store: Store, ids: Sequence[ArtifactId]) -> list[ArtifactId]:
+    """The artifacts asked for, and then their ancestors in their migrated form, each once."""
+    ancestors = [store.current(one) for asked in ids for one in store.lineage(asked) if store.path(one).exists()]
+    return list(dict.fromkeys([*ids, *ancestors]))
+
+
+def _newest(headers: Sequence[Header]) -> Iterator[ArtifactId]:
+    """The newest of every library and kind, for compositions and transfers of everything they were made from.
+
+    References come first, then libraries with which more was done.
+    """
+    kinds: dict[str, set[str]] = {}
+    for header in headers:
+        kinds.setdefault(header.id.name, set()).add(header.kind)
+
+    def rank(header: Header) -> tuple[bool, int]:
+        return not header.id.name.startswith(PREFERRED), -len(kinds[header.id.name])
+
+    seen = set()
+    newest_first = headers[::-1]
+    for header in sorted(newest_first, key=rank):
+        several = header.kind in ("compose", "transfer-eval") and header.inputs_sha256
+        key = (header.id.name, header.kind, header.inputs_sha256 if several else "")
+        if key not in seen:
+            seen.add(key)
+            yield header.id
+
+
+def _plain(scene: Scene) -> Scene:
+    """A scene whose names can be drawn whatever they are: no line breaks, no formulas, not endless."""
+    return replace(
+        scene,
+        title=_drawable(scene.title),
+        skills=tuple(map(_drawable, scene.skills)),
+        episode_labels=tuple(map(_drawable, scene.episode_labels)),
+        intervals={_drawable(name): interval for name, interval in scene.intervals.items()},
+        curves={_success_of(name, scene.skills): values for name, values in scene.curves.items()},
+    )
+
+
+def _success_of(curve: str, skills: Sequence[str]) -> str:
+    head, _, skill = curve.partition("/")
+    return f"{head}/{_drawable(skill)}" if skill in skills else curve
+
+
+def _drawable(text: str) -> str:
+    printable = "".join(mark if mark.isprintable() else "?" for mark in str(text))
+    short = printable if len(printable) <= LONGEST else printable[: LONGEST - 1] + "…"
+    return short.replace("$", r"\$")

@@ -1,0 +1,81 @@
+"""What all figures share: size, style and how they become files, the same bytes for the same picture."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import matplotlib
+from matplotlib.artist import Artist
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
+
+from skillcli.viz.palette import look
+
+FORMATS = ("png", "pdf", "svg")
+DPI = 200
+WIDTH = 6.3  # inches, the text width of a page
+STYLE: Any = {  # matplotlib types the keys as one literal of all its settings
+    "font.size": 8,
+    "axes.titlesize": 8.5,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.7,
+    "axes.axisbelow": True,
+    "grid.color": "#E4E4E4",
+    "grid.linewidth": 0.5,
+    "legend.frameon": False,
+    "legend.handlelength": 2.6,
+    "lines.linewidth": 1.4,
+    "pdf.fonttype": 42,  # text stays text, so that a journal can embed the font
+    "svg.hashsalt": "skill",  # the same picture gives the same file
+}
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Figures are made and written inside this block."""
+    with matplotlib.rc_context(STYLE):
+        yield
+
+
+def blank(width: float, height: float) -> Figure:
+    """An empty figure, inches, that no window belongs to."""
+    drawn = Figure((width, height), layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.06, wspace=0.03, hspace=0.04))
+    FigureCanvasAgg(drawn)
+    return drawn
+
+
+def encoded(drawn: Figure, suffix: str) -> bytes:
+    """The figure as one of `FORMATS`, without a date. The first time finds its layout, which is then kept."""
+    dated: dict[str, dict[str, Any]] = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
+    stream = io.BytesIO()
+    drawn.savefig(stream, format=suffix, dpi=DPI, metadata=dated[suffix])
+    drawn.set_layout_engine("none")
+    return stream.getvalue()
+
+
+def skill_handles(names: Iterable[tuple[int, str]], marked: bool = True) -> list[Line2D]:
+    """Entries of a legend for skills: index (-1: between skills) and name; `marked` where markers are drawn too."""
+    looks = [(look(skill), name) for skill, name in names]
+    return [
+        Line2D([], [], color=each.color, ls=each.dash, marker=each.marker if marked else "", ms=4, label=name)
+        for each, name in looks
+    ]
+
+
+def mark(label: str, marker: str, filling: str = "black", color: str = "black", size: float = 4) -> Line2D:
+    """An entry of a legend that is a single mark."""
+    return Line2D([], [], color=color, ls="none", marker=marker, mfc=filling, ms=size, mew=0.8, label=label)
+
+
+def legend(drawn: Figure, handles: Sequence[Artist], width: int = 105) -> None:
+    """A legend below everything, in as many columns as `width` characters hold."""
+    longest = max((len(str(handle.get_label())) for handle in handles), default=1)
+    columns = max(1, min(len(handles), int(width / (longest + 9))))
+    drawn.legend(handles=[*handles], loc="outside lower center", ncols=columns)

@@ -1,0 +1,56 @@
+"""Figures of the point task."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
+
+from skillcli.viz import motion, panels_space
+from skillcli.viz.canvas import WIDTH, blank, legend, mark, skill_handles
+from skillcli.viz.palette import look
+from skillcli.viz.scene import Scene
+
+ENLARGED = 4  # skills whose density is also shown close up
+HALF_WIDTH = 4.0  # standard deviations to either side, close up
+
+
+def latents_and_paths(scene: Scene) -> Figure:
+    """The density of every skill in the latent space, and the paths that its latents give (paper figure 2).
+
+    Args:
+        scene: of a pretrain artifact with two latent components.
+    """
+    drawn = blank(WIDTH, 2.7)
+    columns = drawn.add_gridspec(1, 3, width_ratios=[1, 0.8, 1])
+    everywhere, paths = drawn.add_subplot(columns[0]), drawn.add_subplot(columns[2])
+    panels_space.latents(everywhere, scene, (0, 1))
+    everywhere.set_title("latent space: means")
+    shown = range(min(len(scene.skills), ENLARGED))
+    grid = columns[1].subgridspec(2, 2)
+    for skill in shown:
+        _density(drawn.add_subplot(grid[skill // 2, skill % 2]), scene, skill)
+    panels_space.paths(paths, scene, (0, 1))
+    panels_space.goals(paths, scene, (0, 1))
+    paths.set_title("paths from the origin")
+    names = [(skill, f"skill {panels_space.numbered(scene, skill)}") for skill in range(len(scene.skills))]
+    legend(drawn, [*skill_handles(names), mark("start", "o", "white"), mark("sampled", ".")])
+    return drawn
+
+
+def _density(axes: Axes, scene: Scene, skill: int) -> None:
+    """One skill's Gaussian close up: one and two standard deviations, and the latents that were drawn from it."""
+    style, mean, std = look(skill), scene.means[skill, :2], scene.stds[skill, :2]
+    for scale, alpha in ((2, 0.15), (1, 0.3)):
+        axes.add_patch(Ellipse((0.0, 0.0), *(2 * scale * std), fc=style.color, ec=style.color, ls=style.dash, alpha=alpha))
+    at_mean = motion.mean_episodes(scene).get(skill)
+    for episode in range(scene.trajectories.episodes):
+        if episode != at_mean and motion.episode_skill(scene, episode) == skill:
+            drawn = scene.trajectories.latent[episode, 0, :2] - mean
+            axes.plot(*drawn, color="black", marker=".", ms=3, ls="none")
+    reach = HALF_WIDTH * float(np.max(scene.stds[:, :2]))
+    tick = float(f"{reach / 2:.1g}")
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", yticks=[])
+    axes.set_xticks([-tick, tick], [f"−{tick:g}", f"{tick:g}"], fontsize=6)
+    axes.set_title(rf"{skill + 1}: 1$\sigma$, 2$\sigma$", fontsize=7)

@@ -1,0 +1,111 @@
+"""Safety limits: what breaks them, and what does not."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from skillcli.envs.environment import SAFETY_LIMITS
+from skillcli.envs.point import PointEnvironment
+from skillcli.envs.reach import ReachEnvironment
+from skillcli.envs.safety import RANGE_TOLERANCE, Clearance
+from skillcli.envs.sawyer import VELOCITY_LIMIT
+from skillcli.recipe import PointTask, ReachTask
+
+RANGE, SPEED, TABLE = range(3)
+
+SCENE = """
+<mujoco>
+  <worldbody>
+    <geom name="table" type="box" size="1 1 0.1" pos="0 0 -0.1"/>
+    <body name="arm" pos="{x} 0 {z}"><joint type="hinge"/><geom {shape} mass="1"/></body>
+    <body name="ghost" pos="0 0 -0.05"><joint/><geom size="0.2" contype="0" conaffinity="0"/></body>
+    <body name="box" pos="0 0 -0.05"><freejoint/><geom type="box" size=".1 .1 .1"/></body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def depth(shape: str, z: float, x: float = 0.0) -> float:
+    model = mujoco.MjModel.from_xml_string(SCENE.format(shape=shape, x=x, z=z))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return float(Clearance(model).depth(data.geom_xpos[None], data.geom_xmat[None])[0])
+
+
+@pytest.mark.parametrize(
+    ("shape", "lowest"),
+    [
+        ('type="sphere" size="0.1"', 0.1),
+        ('type="capsule" size="0.1 0.3"', 0.4),
+        ('type="capsule" size="0.1 0.3" euler="90 0 0"', 0.1),
+        ('type="capsule" size="0.1 0.3" euler="0 60 0"', 0.25),
+        ('type="cylinder" size="0.1 0.3"', 0.3),
+        ('type="cylinder" size="0.1 0.3" euler="90 0 0"', 0.1),
+        ('type="box" size="0.1 0.2 0.3"', 0.3),
+        ('type="box" size="0.1 0.2 0.3" euler="0 90 0"', 0.1),
+        ('type="ellipsoid" size="0.1 0.2 0.3"', 0.3),
+    ],
+)
+def test_the_lowest_point_of_every_shape_counts_and_neither_objects_nor_ghosts(shape: str, lowest: float) -> None:
+    assert depth(shape, lowest + 0.01) == 0
+    assert depth(shape, lowest - 0.02) == pytest.approx(0.02, abs=2e-3)
+    assert depth(shape, lowest - 0.02, x=2.0) == 0, "beside the table"
+
+
+def test_a_long_link_that_crosses_the_table_with_both_ends_beside_it_is_found() -> None:
+    assert depth('type="capsule" size="0.1 1.5" euler="0 90 0"', 0.05) == pytest.approx(0.05)
+
+
+def env(num: int = 2) -> ReachEnvironment:
+    return ReachEnvironment(ReachTask(), num)
+
+
+def test_an_arm_at_the_start_breaks_nothing() -> None:
+    found = env().violations()
+    assert found.shape == (2, len(SAFETY_LIMITS)) and found.dtype == bool and not found.any()
+
+
+def test_a_joint_past_its_range_by_more_than_a_soft_stop_gives_way_breaks_the_range() -> None:
+    arms = env(3)
+    high = arms.arms.model.joint("right_j3").range[1]
+    arms.arms._qpos[:, 3] = high + np.array([-0.001, 0.5 * RANGE_TOLERANCE, 2 * RANGE_TOLERANCE])
+    assert arms.violations()[:, RANGE].tolist() == [False, False, True]
+
+
+@pytest.mark.parametrize("joint", range(7))
+def test_a_joint_faster_than_its_data_sheet_breaks_the_speed(joint: int) -> None:
+    arms = env(3)
+    arms.arms._qvel[:, joint] = VELOCITY_LIMIT[joint] * np.array([0.99, 1.01, -1.01])
+    assert arms.violations()[:, SPEED].tolist() == [False, True, True]
+
+
+def test_a_finger_that_is_pressed_into_the_table_breaks_the_clearance_and_one_above_it_does_not() -> None:
+    arms = env()
+    down = np.zeros((2, 7))
+    down[1, 1] = 1.0
+    broken = []
+    for _ in range(40):
+        arms.step(down)
+        broken.append(arms.violations()[:, TABLE])
+    assert not np.array(broken)[:, 0].any() and broken[-1][1]
+
+
+def test_the_table_counts_where_it_is() -> None:
+    arms = env()
+    tip = arms.judged()[0, 2]
+    arms.perturb({"table_height": np.array([tip - 0.005, tip + 0.01])}, np.random.default_rng(0))
+    arms.reset(np.arange(2), np.zeros(2, dtype=np.int64))
+    assert arms.violations()[:, TABLE].tolist() == [False, True]
+
+
+def test_looking_at_the_limits_changes_nothing() -> None:
+    watched, other = env(), env()
+    for action in np.random.default_rng(0).uniform(-1, 1, (5, 2, 7)):
+        watched.violations()
+        np.testing.assert_array_equal(watched.step(action).observation, other.step(action).observation)
+
+
+def test_a_point_has_no_limits() -> None:
+    assert PointEnvironment(PointTask(), 3).violations().shape == (3, 0)
