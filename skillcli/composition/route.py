@@ -64,7 +64,7 @@ class Route:
         return gap
 
     def left(self, due: Array, points: Array) -> Array:
-        """Metres left to go for landmarks (..., L, 3) m: to the waypoint due, on through the others, and the approach; (...,)."""
+        """Metres to go for landmarks (..., L, 3) m: to the waypoint due, on through the others, and the approach; (...,)."""
         legs = np.linalg.norm(np.diff(self.waypoints, axis=0), axis=1)
         behind = np.concatenate([np.cumsum(legs[::-1])[::-1], [0.0]])
         gap = np.linalg.norm(points[..., 0, :] - self.waypoints[due], axis=-1)

@@ -18,7 +18,6 @@ from skillcli.envs.sawyer import VELOCITY_LIMIT
 from skillcli.envs.sensors import Sensors
 from skillcli.recipe import ArmTask
 
-
 REMEMBERED = 3  # control steps of which commands are kept for a look: as far back as an actuator may be delayed
 
 
@@ -193,6 +192,7 @@ class ArmEnvironment:
         commands = rest[:, : 7 * (REMEMBERED + 1)].reshape(len(ids), REMEMBERED + 1, 7)
         pose = rest[:, 7 * (REMEMBERED + 1) :]
         self.arms.assume(ids, joints, velocity, commands, pose if pose.shape[1] else None)
+
     def _commanded(self) -> Array:
         """Commanded targets as the controller shows them, (N, 7) rad: they share the offset of the encoders."""
         if self._joint_offset is None:

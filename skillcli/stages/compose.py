@@ -44,7 +44,14 @@ def robots_for(recipe: Recipe, method: str, on: str, seed: int) -> Robots:
 
 def inputs_of(source: Artifact, recipe: Recipe, request: Request, method: str, seed: int = 0, on: str = "") -> str:
     """Fingerprint of everything that the result depends on."""
-    parts: list[Any] = [source.content_sha256, method, recipe.fingerprint([method]), request.task, request.waypoints, request.route]
+    parts: list[Any] = [
+        source.content_sha256,
+        method,
+        recipe.fingerprint([method]),
+        request.task,
+        request.waypoints,
+        request.route,
+    ]
     robots = robots_for(recipe, method, on, seed)
     if robots.parameters or on:
         parts += [seed, on, {name: values.tolist() for name, values in robots.parameters.items()}]

@@ -16,6 +16,7 @@ from skillcli.errors import UsageError
 from skillcli.learning.playback import conduct, met
 from skillcli.seeding import generator
 from skillcli.stages.planning import Leg, choices_of, mpc_from, search_from
+from skillcli.stages.robots import Robots
 from skillcli.trajectories import Array, Trajectories
 
 REPLANS = ("search", "mpc")
@@ -34,7 +35,7 @@ class Replanner:
     """Plans again and again, in simulations of its own, for a target that it knows through its sensors only.
 
     Args:
-        leg: library, recipe, and the robots to plan with; its waypoints do not matter.
+        leg: library and recipe; its waypoints do not matter.
         method: one of `REPLANS`.
 
     Raises:
@@ -46,14 +47,16 @@ class Replanner:
             raise UsageError(
                 f"a plan of --method {method} cannot be made again on the way", f"--replan goes with {' or '.join(REPLANS)}"
             )
+        # who looks again soon plans quickly: on the nominal robot, in the shortest segments
+        search = leg.recipe.search.model_copy(update={"segments": (min(leg.recipe.search.segments),)})
+        leg = replace(leg, recipe=leg.recipe.model_copy(update={"search": search}), robots=Robots())
         self.leg, self.method, self.effort = leg, method, Effort()
         self._choices = choices_of(leg)
         settings = leg.recipe.transfer
         slots = settings.replan_batch * len(self._choices.latent) if method == "search" else leg.recipe.mpc.samples
         self._simulations = leg.robots.simulations(leg.recipe.task, slots)
-        self._world = LatentEnvironment(self._simulations, leg.library.agent.act, leg.robots.count)
-        segments = leg.recipe.search.segments if method == "search" else (leg.recipe.mpc.segment,)
-        self._longest = leg.steps(max(segments))
+        self._world = LatentEnvironment(self._simulations, leg.library.agent.act)
+        self._longest = leg.steps(search.segments[0] if method == "search" else leg.recipe.mpc.segment)
 
     def episode(self, target: Environment, waypoints: Array, steps: int, seed: int) -> Trajectories:
         """One episode on one target robot that stands at its start.
@@ -78,8 +81,7 @@ class Replanner:
     def next(self, seen: Sighting, waypoints: Array, rng: np.random.Generator) -> Segment | None:
         """The first segment of a new plan, None where nothing is left to do."""
         began = time.perf_counter()
-        robots = np.arange(self.leg.robots.count)
-        self._simulations.imagine(robots, np.repeat(seen.state, len(robots), axis=0))
+        self._simulations.imagine(np.array([0]), seen.state)
         planner = self._planner(*self._world.start(), waypoints, rng)
         run(planner, self._world, lambda *_: None)
         self.effort.plans += 1

@@ -17,10 +17,10 @@ from skillcli.perturbation import PARAMETERS, sample
 from skillcli.recipe import Recipe
 from skillcli.seeding import generator
 from skillcli.stages.library import Library, fingerprint, open_library
-from skillcli.stages.compose import robots_for
 from skillcli.stages.planning import Leg
 from skillcli.stages.progress import Progress, Report, silent
 from skillcli.stages.replanning import REPLANS, Replanner
+from skillcli.stages.robots import Robots
 from skillcli.store import Artifact, ArtifactId, Draft, Store
 from skillcli.trajectories import Array, Trajectories
 
@@ -124,7 +124,9 @@ def transfer_eval(
                 **{f"trajectories/{field}": array for field, array in together.arrays().items()},
             },
             results={**_results(reference, targets, recordings), "replanned": replanner is not None},
-            measured={} if replanner is None else {"seconds_per_plan": replanner.effort.seconds / max(1, replanner.effort.plans)},
+            measured={}
+            if replanner is None
+            else {"seconds_per_plan": replanner.effort.seconds / max(1, replanner.effort.plans)},
             parents=[source_id],
             model_sha256=model_fingerprint(recipe.task),
             inputs_sha256=inputs_of(source, recipe, domains, episodes, seed),
@@ -137,8 +139,7 @@ def _replanner(library: Library, recipe: Recipe, source: Artifact, seed: int) ->
         raise UsageError(
             f"{source.id} holds no plan that could be made again on the way", "give a compose artifact, or leave --replan out"
         )
-    robots = robots_for(recipe, source.results["method"], "", seed)
-    leg = Leg(library, recipe, np.zeros((0, 3)), (), seed, silent, robots)
+    leg = Leg(library, recipe, np.zeros((0, 3)), (), seed, silent, Robots())
     return Replanner(leg, source.results["method"])
 
 

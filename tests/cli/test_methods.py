@@ -127,7 +127,7 @@ BAD: list[tuple[tuple[str, ...], int, str]] = [
     (("--method", "magic", "--plan", "3"), 2, "no method 'magic'"),
     (("--method", "mpc", "--plan", "3"), 2, "--plan belongs to --method sequence, not to mpc"),
     (("--plan=3",), 2, "--plan belongs to --method sequence, not to search"),
-    (("--method", "sequence", "--seed", "1", "--plan", "3"), 2, "--seed belongs to --method ddpg or ppo or mpc"),
+    (("--method", "sequence", "--seed", "1", "--plan", "3"), 2, "--seed belongs to --method search or ddpg or ppo or mpc"),
     (("--method", "sequence"), 2, "the plan is empty"),
     (("--method", "sequence", "--plan", " "), 2, "the plan is empty"),
     (("--method", "sequence", "--plan", "9"), 2, "no skill '9'"),

@@ -22,7 +22,9 @@ def test_a_waypoint_is_passed_on_the_way_and_the_last_one_stays_due() -> None:
     walk = ROUTE.follow(np.array([[0]]), path((0, 0), (1, 0.05), (1, 1), (1, 2)), within=0.01)
     assert walk.due.tolist() == [[1]] and walk.arrived.tolist() == [3]
     np.testing.assert_allclose(walk.cost, [1.95 + 1.0], err_msg="nothing counts from the arrival on")
-    assert ROUTE.follow(np.array([[0]]), path((0, 0), (1, 2))).due.tolist() == [[0]], "the last one does not count before its turn"
+    assert ROUTE.follow(np.array([[0]]), path((0, 0), (1, 2))).due.tolist() == [[0]], (
+        "the last one does not count before its turn"
+    )
 
 
 def test_where_a_path_begins_has_been_looked_at_before() -> None:
