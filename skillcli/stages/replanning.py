@@ -30,6 +30,11 @@ class Effort:
     plans: int = 0
     seconds: float = 0.0
 
+    @property
+    def mean(self) -> float | None:
+        """Seconds per plan, None where nothing was planned."""
+        return self.seconds / self.plans if self.plans else None
+
 
 class Replanner:
     """Plans again and again, in simulations of its own, for a target that it knows through its sensors only.

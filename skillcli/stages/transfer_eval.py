@@ -124,9 +124,7 @@ def transfer_eval(
                 **{f"trajectories/{field}": array for field, array in together.arrays().items()},
             },
             results={**_results(reference, targets, recordings), "replanned": replanner is not None},
-            measured={}
-            if replanner is None
-            else {"seconds_per_plan": replanner.effort.seconds / max(1, replanner.effort.plans)},
+            measured={} if replanner is None else {"seconds_per_plan": replanner.effort.mean},
             parents=[source_id],
             model_sha256=model_fingerprint(recipe.task),
             inputs_sha256=inputs_of(source, recipe, domains, episodes, seed),
