@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from skillcli.cli import complete, watching
-from skillcli.cli.methods import ABOUT, MORE, ByMethod, option, settings
+from skillcli.cli.methods import ABOUT, MORE, ON_TARGET, ByMethod, option, settings
 from skillcli.cli.session import Session
 from skillcli.errors import UsageError
 
@@ -141,7 +141,9 @@ def compose(
     from skillcli.stages.compose import Request
     from skillcli.stages.compose import compose as stage
 
-    recipe = resolve(session.store.read(found).recipe, [*(overrides or ()), *chosen])
+    recipe = resolve(
+        session.store.read(found).recipe, [*(ON_TARGET if on and method == "search" else ()), *(overrides or ()), *chosen]
+    )
     request = Request.of(recipe, task, goals, method)
     with session.progress() as report:
         artifact = stage(session.store, found, recipe, request, method, session.command, checked(name), report, seed, on)

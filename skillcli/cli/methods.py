@@ -45,6 +45,11 @@ HEURISTICS: Mapping[str, Sequence[str]] = {
     "approach": ("search.approach_speed=1.0",),
 }
 
+# Time on the target is what a plan made there costs: one node at a time, greedily, over the means, and no finer than needed.
+ON_TARGET = (
+    "search.batch=1", "search.weight=1000", "search.interpolated=false", "search.grid=0", "search.goal_tolerance=0.035",
+)  # fmt: skip
+
 
 class ByMethod(TyperCommand):
     """A command whose options depend on the value of --method."""

@@ -20,6 +20,7 @@ from skillcli.stages.robots import Robots
 from skillcli.trajectories import Array, Trajectories
 
 REPLANS = ("search", "mpc")
+MARGIN = 0.8  # of the tolerance of waypoints that are passed: what the sensors show is off by millimetres
 GLANCE = 2  # control steps over which the speed of the judged point is seen: over one, noise would drown it
 
 
@@ -135,7 +136,7 @@ class _Mission:
         """Take note of a waypoint that is met; whether the last one is, slowly enough."""
         gap = float(np.linalg.norm(self._path[-1] - self._waypoints[self._due]))
         if self._due < len(self._waypoints) - 1:
-            if gap <= self._target.tolerance:
+            if gap <= MARGIN * self._target.tolerance:
                 self._due, self._left = self._due + 1, 0  # what is being held was meant for the one before
             return False
         settings = self._replanner.leg.recipe.search
