@@ -21,6 +21,7 @@ from skillcli.seeding import generator
 from skillcli.stages.compose import execute
 from skillcli.stages.library import Library, open_library
 from skillcli.stages.planning import METHODS, Leg, Planned
+from skillcli.stages.robots import Robots
 from skillcli.store import Store
 from skillcli.trajectories import Array
 
@@ -41,7 +42,7 @@ def unseen_goals(library: Library, count: int) -> Array:
 
 def plan(library: Library, method: str, goal: Array, settings: list[str], seed: int) -> Planned:
     recipe = resolve(library.source.recipe, settings)
-    return METHODS[method](Leg(library, recipe, goal[None], (), seed, lambda _: None))
+    return METHODS[method](Leg(library, recipe, goal[None], (), seed, lambda _: None, Robots()))
 
 
 def methods(library: Library, names: list[str], goals: Array, settings: list[str]) -> Iterator[str]:
@@ -54,7 +55,7 @@ def methods(library: Library, names: list[str], goals: Array, settings: list[str
             wall, cpu = time.perf_counter(), time.process_time()
             planned = plan(library, name, goal, settings, 0)
             wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-            recording = execute(library, planned.segments, goal[None])
+            recording = execute(library, planned.segments, goal[None], Robots())
             lasts = float(recording.time[-1])
             rows.append((metrics.final_distance(recording)[0], wall, cpu, planned.simulated_robot_seconds, lasts, wall < lasts))
         end, wall_s, cpu_s, robot, lasts_s, faster = np.array(rows, dtype=float).T
