@@ -83,6 +83,11 @@ class Replanner:
         own = self.leg.recipe.search if self.method == "search" else self.leg.recipe.mpc
         return min(own.goal_tolerance, self.leg.recipe.task.tolerance)
 
+    @property
+    def wait(self) -> Segment:
+        """The first skill, held for one control step."""
+        return Segment(self._choices.latent[0], 0, self._choices.label[0], 1)
+
     def next(self, seen: Sighting, waypoints: Array, rng: np.random.Generator) -> Segment | None:
         """The first segment of a new plan, None where nothing is left to do."""
         began = time.perf_counter()
@@ -122,8 +127,7 @@ class _Mission:
             return None
         if self._left == 0:
             segment = self._replanner.next(seen, self._waypoints[self._due :], self._rng) or self._segment
-            if segment is None:
-                return None
+            segment = segment or self._replanner.wait  # nowhere to go from what is seen: look again
             self._segment, self._left = segment, segment.steps
         assert self._segment is not None
         latent = self._segment.latents[self._segment.steps - self._left]

@@ -209,7 +209,7 @@ def test_the_stages_one_by_one_report_the_promised_keys(copy: Path) -> None:
     assert {"success_rate", "episodes"} <= moved["source"].keys()
     (domain,) = moved["domains"]
     assert domain.keys() >= {"name", "episodes", "successes", "success_rate", "ci95", "final_distance_m", "retention"}
-    assert domain["final_distance_m"].keys() == {"mean", "median", "p90"} and domain["episodes"] == 2
+    assert domain["final_distance_m"].keys() >= {"mean", "median", "p90"} and domain["episodes"] == 2
 
 
 def test_finished_stages_are_used_again_until_an_input_changes(chain: Path, copy: Path) -> None:

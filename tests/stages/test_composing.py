@@ -120,3 +120,28 @@ def test_an_interrupted_composition_leaves_nothing(chain: Path, method: str) -> 
     with pytest.raises(KeyboardInterrupt):
         compose(store, source.id, recipe, request, method, "test", "stopped", interrupt)
     assert files(chain) == before
+
+
+# --- safety limits ----------------------------------------------------------------------------------------------------
+
+
+def test_a_plan_that_breaks_a_limit_is_no_success_and_says_where(copy: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = copy.read(ArtifactId("tiny", "embed-means", 1))
+    recipe = resolve(source.recipe, ["sequence.plan=1:0.2,2:0.2", "task.tolerance=2"])
+    monkeypatch.setattr("skillcli.stages.compose.TRAINED", ())  # everything is near enough
+    request = asked(recipe, "sequence")
+    kept = compose(copy, source.id, recipe, request, "sequence", "test")
+    assert (kept.results["violations"], kept.results["broken"]) == ({}, [])
+
+    # the fastest joint of each control step of the same plan: the limit is put where only some are beyond it
+    monkeypatch.setattr("skillcli.envs.arm_environment.VELOCITY_LIMIT", np.full(7, 0.3))
+    broken = compose(copy, source.id, recipe, request, "sequence", "test")
+    (found,) = broken.results["broken"]
+    path = broken.arrays["trajectories/violations"][0]
+    assert found["limit"] == "joint_speed" and found["route"] == 0 and 0 < found["control_steps"] <= 8
+    assert broken.results["violations"] == {"joint_speed": found["control_steps"]} == {"joint_speed": path[1]}
+    step = round(found["seconds"] / 0.05)
+    assert found["segment"] == (step - 1) // 4 and step >= 1
+    assert found["gripper_m"] == pytest.approx(broken.arrays["trajectories/gripper_position"][0, step], abs=1e-6)
+    assert not broken.results["success"] and broken.results["success_rate"] == 0
+    assert broken.results["waypoints_met"] == kept.results["waypoints_met"] == kept.results["success"]
