@@ -28,8 +28,18 @@ from skillcli.trajectories import SAFETY_LIMITS, Array, Trajectories
 SOURCE = ArtifactId("tiny", "compose", 1)
 ROBOT = Path(__file__).parent.parent / "robots" / "servo.toml"
 REPLAN = ["transfer.replan=true", "transfer.replan_seconds=0.2", "transfer.replan_budget=2"]
-# Feather-light links behind servos a thousand times as stiff: the simulation comes apart.
-NASTY = 'name = "nasty"\n[parameters]\nlink_mass = 0.01\ngain = 1000.0\narmature = 0.01\nlatency = 0.1\njoint_noise = 1.0\n'
+# Feather-light links, much too stiff late servos, and hard knocks.
+NASTY = """name = "nasty"
+[parameters]
+link_mass = 0.01
+link_inertia = 0.01
+armature = 0.01
+gain = 1000.0
+latency = 0.1
+joint_noise = 1.0
+push_rate = 20.0
+arm_push = 50.0
+"""
 
 
 @pytest.fixture
@@ -197,13 +207,15 @@ def test_robot_and_sensitivity_are_inputs_and_without_them_nothing_changes(chain
 
 
 @pytest.mark.parametrize("settings", [[], REPLAN])
-def test_a_robot_that_comes_apart_fails_and_leaves_no_nan(copy: Store, tmp_path: Path, settings: list[str]) -> None:
+def test_a_robot_that_comes_apart_fails_and_leaves_no_nan(
+    copy: Store, tmp_path: Path, settings: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("skillcli.envs.arms._FASTEST", 5.0)  # rad/s, so that it comes apart at once
     (tmp_path / "nasty.toml").write_text(NASTY)
     artifact = moved(copy, [str(tmp_path / "nasty.toml")], *settings, episodes=2)
     (found,) = artifact.results["domains"]
     assert (found["successes"], found["episodes"]) == (0, 2)
-    # one control step is all that the simulation stands
-    assert recording(artifact).length.tolist() == [1, 1]
+    assert recording(artifact).length.max() <= 2, "it ends where the simulation fails"
     assert copy.verify(artifact.id) == []
     for name, array in artifact.arrays.items():
         assert np.isfinite(array).all(), name
