@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from skillcli.perturbation import MAX_LATENCY, NEUTRAL, PARAMETERS, Range, Ranges, log_uniform, one_of, sample, uniform
+from skillcli.perturbation import MAX_LATENCY, NEUTRAL, PARAMETERS, Range, Ranges, fill, log_uniform, one_of, sample, uniform
 
 READER: TypeAdapter[dict[str, Range]] = TypeAdapter(Ranges)
 
@@ -150,3 +150,23 @@ def test_a_bad_range_says_so_when_it_is_made_in_code_too() -> None:
     for make, *values in bad:
         with pytest.raises(ValidationError):
             make(*values)
+
+
+@pytest.mark.parametrize("values", [uniform(-1, 3), log_uniform(0.5, 2), one_of(4.0, 5.0, 6.0)])
+def test_filling_takes_one_value_out_of_each_equal_share(values: Range) -> None:
+    drawn = fill({"gain": values}, 6, rng())["gain"]
+    assert drawn.shape == (6, 7)
+    edges = values.quantile(np.arange(6) / 6)
+    for joint in range(7):
+        ordered = np.sort(drawn[:, joint])
+        assert (ordered >= edges).all() and (ordered[:-1] <= np.maximum(edges[1:], ordered[:-1].min())).all()
+    if values.kind == "one_of":
+        assert (np.sort(drawn, axis=0) == np.array([[4.0, 4, 5, 5, 6, 6]]).T).all()
+    assert len(np.unique(drawn.argsort(axis=0), axis=1).T) > 1, "joints are filled in orders of their own"
+
+
+def test_quantiles_run_from_the_lowest_to_the_highest_value() -> None:
+    share = np.array([0.0, 0.5, 1.0])
+    np.testing.assert_allclose(uniform(2, 6).quantile(share), [2, 4, 6])
+    np.testing.assert_allclose(log_uniform(0.5, 8).quantile(share), [0.5, 2, 8])
+    assert one_of(3.0, 7.0).quantile(np.array([0.0, 0.49, 0.5, 0.99])).tolist() == [3, 3, 7, 7]

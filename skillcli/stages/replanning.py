@@ -83,13 +83,8 @@ class Replanner:
         own = self.leg.recipe.search if self.method == "search" else self.leg.recipe.mpc
         return min(own.goal_tolerance, self.leg.recipe.task.tolerance)
 
-    @property
-    def wait(self) -> Segment:
-        """The first skill, held for one control step."""
-        return Segment(self._choices.latent[0], 0, self._choices.label[0], 1)
-
-    def next(self, seen: Sighting, waypoints: Array, rng: np.random.Generator) -> Segment | None:
-        """The first segment of a new plan, None where nothing is left to do."""
+    def next(self, seen: Sighting, waypoints: Array, rng: np.random.Generator) -> Segment:
+        """The first segment of a new plan; where nothing tried is better than staying, a moment of the first skill."""
         began = time.perf_counter()
         self._simulations.imagine(np.array([0]), seen.state)
         planner = self._planner(*self._world.start(), waypoints, rng)
@@ -97,7 +92,10 @@ class Replanner:
         self.effort.plans += 1
         self.effort.seconds += time.perf_counter() - began
         plan = planner.plan()
-        return replace(plan[0], steps=min(plan[0].steps, self._longest)) if plan else None
+        if not plan:
+            library = self.leg.library
+            return Segment(library.mean[0], 0, library.names[0], 1)
+        return replace(plan[0], steps=min(plan[0].steps, self._longest))
 
     def _planner(self, row: Array, points: Array, waypoints: Array, rng: np.random.Generator) -> Planner:
         if self.method == "mpc":
@@ -126,9 +124,8 @@ class _Mission:
         if self._arrived():
             return None
         if self._left == 0:
-            segment = self._replanner.next(seen, self._waypoints[self._due :], self._rng) or self._segment
-            segment = segment or self._replanner.wait  # nowhere to go from what is seen: look again
-            self._segment, self._left = segment, segment.steps
+            self._segment = self._replanner.next(seen, self._waypoints[self._due :], self._rng)
+            self._left = self._segment.steps
         assert self._segment is not None
         latent = self._segment.latents[self._segment.steps - self._left]
         self._left -= 1

@@ -207,3 +207,45 @@ def test_single_precision_actions_of_a_network_do_the_same(task: Task) -> None:
     action = random_actions(env, 1)[0].astype(np.float32)
     assert np.isfinite(env.step(action).observation).all()
     assert env.save(np.arange(2)).dtype == np.float64
+
+
+def test_a_sighting_leads_another_simulation_the_same_way(task: Task) -> None:
+    env, other = fresh(task, 2), fresh(task, 3)
+    drive(env, 0.3 * random_actions(env, STEPS))
+    seen = env.look()
+    np.testing.assert_allclose(seen.judged, env.judged(), atol=1e-6)
+    other.imagine(np.array([2, 1]), seen.state)
+    np.testing.assert_allclose(other.landmarks()[[2, 1]], env.landmarks(), atol=1e-3)
+    action = np.zeros((3, env.action_size))
+    for _ in range(3):
+        env.step(action[:2])
+        other.step(action)
+    moved = np.linalg.norm(other.judged()[[2, 1]] - env.judged(), axis=1)
+    assert (moved < 0.02).all(), "what moves is seen to move, within what two angles tell about a speed"
+
+
+def test_commands_under_way_are_part_of_a_sighting() -> None:
+    late = {"latency": np.array([0.1])}
+    env, other = make(ReachTask(), 1, delay=True), make(ReachTask(), 1, delay=True)
+    for each in (env, other):
+        each.perturb(late, np.random.default_rng(0))
+        each.reset(np.array([0]), np.array([0]))
+    env.step(np.full((1, 7), 0.5))
+    env.step(np.full((1, 7), 0.5))
+    np.testing.assert_allclose(env.judged(), other.judged(), atol=2e-3, err_msg="nothing has arrived yet")
+    other.imagine(np.array([0]), env.look().state)
+    for _ in range(6):
+        env.step(np.zeros((1, 7)))
+        other.step(np.zeros((1, 7)))
+    np.testing.assert_allclose(env.judged(), other.judged(), atol=3e-3)
+
+
+def test_the_lead_of_the_command_is_seen_where_the_task_says_so() -> None:
+    plain, seeing = make(ReachTask(), 2), make(ReachTask(observe_command=True), 2)
+    assert (plain.observation_size, seeing.observation_size) == (10, 17)
+    before = seeing.observe()
+    np.testing.assert_allclose(before[:, 10:], 0, atol=1e-6)
+    step = seeing.step(np.full((2, 7), 0.5))
+    lead = 0.5 * 0.04 - (step.observation[:, :7] - before[:, :7])
+    np.testing.assert_allclose(step.observation[:, 10:], lead, atol=1e-6)
+    assert (lead[:, :4] > 0.005).all(), "servos lag"
