@@ -20,6 +20,22 @@ def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[f
     return max(0.0, centre - half), min(1.0, centre + half)
 
 
+def difference_interval(
+    rate_a: float, interval_a: tuple[float, float], rate_b: float, interval_b: tuple[float, float]
+) -> tuple[float, float]:
+    """Newcombe's hybrid score interval of a difference of independent rates, a - b (Newcombe 1998, method 10).
+
+    Args:
+        rate_a: measured.
+        interval_a: Wilson's; a rate that is known exactly has an interval without width.
+        rate_b: measured.
+        interval_b: Wilson's.
+    """
+    (low_a, high_a), (low_b, high_b) = interval_a, interval_b
+    difference = rate_a - rate_b
+    return difference - math.hypot(rate_a - low_a, high_b - rate_b), difference + math.hypot(high_a - rate_a, rate_b - low_b)
+
+
 def final_distance(trajectories: Trajectories) -> Array:
     """Distance of the judged point to the target at the end of each episode, (E,) m."""
     episodes = np.arange(trajectories.episodes)
@@ -29,12 +45,9 @@ def final_distance(trajectories: Trajectories) -> Array:
 
 
 def distance_summary(distance: Array) -> dict[str, float]:
-    """Mean, median and 90th percentile of distances (E,), m."""
-    return {
-        "mean": float(distance.mean()),
-        "median": float(np.median(distance)),
-        "p90": float(np.quantile(distance, 0.9)),
-    }
+    """Mean, median, quartiles, 10th and 90th percentile of distances (E,), m."""
+    quantiles = {"p10": 0.1, "p25": 0.25, "median": 0.5, "p75": 0.75, "p90": 0.9}
+    return {"mean": float(distance.mean()), **{name: float(np.quantile(distance, q)) for name, q in quantiles.items()}}
 
 
 def pairwise_distance(points: Array) -> Array:

@@ -78,6 +78,8 @@ NEEDS = {
     "object_push": ("push_rate",),
     "push_rate": ("arm_push", "object_push"),
 }
+# What only says how or how often another parameter acts.
+MANNERS = {others[0] for others in NEEDS.values() if len(others) == 1}
 RANGE_KEYS = {"uniform", "log_uniform", "one_of", "kind", "values"}  # how a range is written, and stored
 NEUTRAL = {name: 1.0 if parameter.unit == "factor" else 0.0 for name, parameter in PARAMETERS.items()}
 

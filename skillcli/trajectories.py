@@ -55,6 +55,13 @@ class Trajectories:
             raise ValueError("trajectories hold no position: object_pose, gripper_position or position is needed")
         return np.concatenate([plane, np.zeros_like(plane[..., :1])], axis=-1)
 
+    @property
+    def within_limits(self) -> Array:
+        """Which episodes break no safety limit, (E,) bool."""
+        if self.violations is None:
+            return np.ones(self.episodes, dtype=bool)
+        return np.asarray(~self.violations.any(axis=1))
+
     def arrays(self) -> dict[str, Array]:
         """The fields that are present, by name, as the store keeps them."""
         return {f.name: value for f in fields(self) if (value := getattr(self, f.name)) is not None}

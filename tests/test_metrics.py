@@ -14,6 +14,20 @@ def test_wilson_interval_against_published_numbers(successes: int, trials: int, 
     assert metrics.wilson_interval(successes, trials) == pytest.approx((low, high), abs=5e-5)
 
 
+# 56 of 70 against 48 of 80: the example of Newcombe 1998, method 10.
+def test_difference_interval_against_published_numbers_and_by_hand() -> None:
+    found = metrics.difference_interval(0.8, metrics.wilson_interval(56, 70), 0.6, metrics.wilson_interval(48, 80))
+    assert found == pytest.approx((0.0524, 0.3339), abs=5e-5)
+    # 0.5 - hypot(0.3, 0.4), 0.5 + hypot(0.1, 0.1)
+    assert metrics.difference_interval(0.8, (0.5, 0.9), 0.3, (0.2, 0.7)) == pytest.approx((0.0, 0.5 + 0.02**0.5))
+    assert metrics.difference_interval(1.0, (1.0, 1.0), 0.3, (0.2, 0.7)) == pytest.approx((0.3, 0.8)), "one known exactly"
+
+
+def test_distances_are_summed_up_by_quantiles() -> None:
+    found = metrics.distance_summary(np.arange(11.0) ** 2)
+    assert found == pytest.approx({"mean": 35, "p10": 1, "p25": 6.5, "median": 25, "p75": 56.5, "p90": 81})
+
+
 def recording(end: list[list[float]], target: list[float], length: int, box: bool = False) -> Trajectories:
     path = np.array([end], dtype=float)  # (1, T+1, 3)
     steps = path.shape[1] - 1

@@ -138,6 +138,7 @@ def compose(
     if on and ensemble:
         raise UsageError("--on plans on one target, --ensemble on several robots", "leave one of them out")
     found = session.pick(source, "embed-means", "pretrain")
+    from skillcli.cli.tables import where
     from skillcli.stages.compose import Request
     from skillcli.stages.compose import compose as stage
 
@@ -147,8 +148,12 @@ def compose(
     request = Request.of(recipe, task, goals, method)
     with session.progress() as report:
         artifact = stage(session.store, found, recipe, request, method, session.command, checked(name), report, seed, on)
-    if not artifact.results["success"]:
+    if not artifact.results["waypoints_met"]:
         session.say(f"[yellow]the plan does not meet every waypoint[/]: {MORE[method]}")
+    for broken in artifact.results["broken"]:
+        session.say(f"[yellow]the plan breaks a safety limit, so it is no success[/]: {where(broken)}")
+    if artifact.results["broken"]:
+        session.say(f"`skill viz {artifact.id} --open` shows it; plan without that skill, or with another --method or --goal")
     _done(session, artifact, f"skill transfer-eval {artifact.id}")
 
 
@@ -161,6 +166,12 @@ def transfer_eval(
     episodes: Annotated[int | None, typer.Option("--episodes", help="Per domain.", min=1, max=10_000)] = None,
     replan: Annotated[
         bool, typer.Option("--replan", help="Look at the target after every segment, plan again from there and go on.")
+    ] = False,
+    robot: Annotated[
+        Path | None, typer.Option("--robot", help="Another robot to run on: a robot file (docs/robots.md).", metavar="FILE")
+    ] = None,
+    sensitivity: Annotated[
+        bool, typer.Option("--sensitivity", help="Also run every domain with each of its parameters alone.")
     ] = False,
     seed: Seed = 0,
     name: Name = None,
@@ -176,6 +187,15 @@ def transfer_eval(
     given = [*(overrides or ()), *(["transfer.replan=true"] if replan else [])]
     recipe = resolve(session.store.read(found).recipe, given)
     domains = list(dict.fromkeys(domain or recipe.transfer.domains))
+    other = None
+    if robot is not None:
+        from rich.markup import escape
+
+        from skillcli.envs.robot import load_robot
+
+        other = load_robot(robot)
+        for note in other.notes:
+            session.say(escape(f"{robot}: {note}"))
     with session.progress() as report:
         artifact = stage(
             session.store,
@@ -187,8 +207,10 @@ def transfer_eval(
             session.command,
             checked(name),
             report,
+            other,
+            sensitivity,
         )
-    _done(session, artifact, f"skill viz {artifact.id} --png transfer.png")
+    _done(session, artifact, f"skill viz {artifact.id} --open   # the worst domain first, and in it the worst episode")
 
 
 def run(

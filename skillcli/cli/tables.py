@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from rich.console import Group
+from rich.markup import escape
 from rich.table import Table
 
 from skillcli.store import Artifact
@@ -75,6 +77,7 @@ def plan(artifact: Artifact) -> Group:
         table.add_row(str(index + 1), target, _centimetres(waypoint["closest_m"]))
     steps = " ".join(f"{segment['skill']}:{segment['seconds']:.2f}s" for segment in found["segments"])
     met = "success" if found["success"] else "no success"
+    limits = [f"breaks {where(broken)}" for broken in found.get("broken", ())]  # older artifacts do not say
     ends = f"ends {_centimetres(found['final_distance_m'])} from the last goal"
     if found["routes"] > 1:
         met, ends = f"{round(found['success_rate'] * found['routes'])} of {found['routes']} routes succeed", f"the worst {ends}"
@@ -83,22 +86,67 @@ def plan(artifact: Artifact) -> Group:
             for route in range(found["routes"])
         )
     effort = f"planned in {artifact.measured['planning_seconds']:.1f} s, {found['expanded_nodes']} nodes"
-    caption = f"{met}, {ends}; {effort}\nplan {steps}"
+    caption = "\n".join([f"{met}, {ends}; {effort}", *limits, f"plan {steps}"])
     return Group(f"[bold]{artifact.id}[/]: {found['method']}, {found['task']}", table, caption)
+
+
+def where(broken: dict[str, Any]) -> str:
+    """Which limit a plan breaks, and where first."""
+    steps, place = broken["control_steps"], ", ".join(f"{x:.2f}" for x in broken["gripper_m"])
+    return (
+        f"{broken['limit']} in route {broken['route'] + 1} for {steps} control step{'s' if steps > 1 else ''}, "
+        f"first at {broken['seconds']:.2f} s in segment {broken['segment'] + 1} with the gripper at ({place}) m"
+    )
 
 
 def transfer(artifact: Artifact) -> Group:
     """Every domain of a transfer."""
-    table = _table("domain", "success", "95 %", "median", "p90", "retention")
-    for domain in artifact.results["domains"]:
+    found = artifact.results
+    table = _table("domain", "success", "95 %", "gap", "retention", "median", "p90", "replay")
+    for domain in found["domains"]:
         low, high = domain["ci95"]
         distance, retention = domain["final_distance_m"], domain["retention"]
+        gap, replay = domain.get("gap"), domain.get("replay_error_m")  # older artifacts do not say
         table.add_row(
             domain["name"], f"{domain['successes']}/{domain['episodes']}", f"{low:.0%}–{high:.0%}",
-            _centimetres(distance["median"]), _centimetres(distance["p90"]), "–" if retention is None else f"{retention:.2f}",
+            "–" if gap is None else f"{gap:.0%}", "–" if retention is None else f"{retention:.2f}",
+            _centimetres(distance["median"]), _centimetres(distance["p90"]), _centimetres(replay["median"] if replay else None),
         )  # fmt: skip
-    caption = f"source: success {artifact.results['source']['success_rate']:.0%}"
-    return Group(f"[bold]{artifact.id}[/]: {artifact.parents[0].id} on other robots", table, caption)
+    again = ", planned again on the way" if found.get("replanned") else ""
+    robot = f"the robot of {escape(found['robot']['file'])}" if found.get("robot") else "other robots"
+    said = [f"source: success {found['source']['success_rate']:.0%}", *_footnotes(found)]
+    parts = [part for domain in found["domains"] if (part := _sensitivity(domain))]
+    return Group(f"[bold]{artifact.id}[/]: {artifact.parents[0].id} on {robot}{again}", table, "\n".join(said), *parts)
+
+
+def _footnotes(found: Mapping[str, Any]) -> list[str]:
+    """Of a transfer: what `replay` is, limits that are broken, the worst episode by the name that it has in the viewer."""
+    if "worst" not in found["domains"][0]:
+        return []
+    lines = ["replay: the source's commands sent blindly, median distance between where they end here and there"]
+    broken = [
+        f"{name}: {limit} in {count} episodes"
+        for name, part in [("source", found["source"]), *((domain["name"], domain) for domain in found["domains"])]
+        for limit, count in part["violations"].items()
+        if count
+    ]
+    worst = [(each, domain) for domain in found["domains"] for each in domain["worst"][:1]]
+    each, domain = max(worst, key=lambda pair: pair[0]["final_distance_m"])
+    within = each["episode"] % domain["episodes"]  # all domains have as many
+    lines += [f"safety limits broken: {'; '.join(broken)}"] if broken else []
+    return [*lines, f"farthest off: {domain['name']} {within}, {_centimetres(each['final_distance_m'])}"]
+
+
+def _sensitivity(domain: dict[str, Any]) -> Table | None:
+    """Each parameter of a domain alone."""
+    if not domain.get("sensitivity"):
+        return None
+    table = _table(f"{domain['name']}: alone", "success", "95 %", "median")
+    for row in domain["sensitivity"]:
+        low, high = row["ci95"]
+        shown = f"{row['successes']}/{row['episodes']}", f"{low:.0%}–{high:.0%}"
+        table.add_row(row["parameter"], *shown, _centimetres(row["final_distance_m"]["median"]))
+    return table
 
 
 SHOWN: dict[str, Callable[[Artifact], Group]] = {

@@ -65,6 +65,7 @@ class Arms:
         self._qpos_address = np.array([joint.qposadr[0] for joint in joints])
         self._dof_address = np.array([joint.dofadr[0] for joint in joints])
         limits = np.array([joint.range if model.jnt_limited[joint.id] else (-np.inf, np.inf) for joint in joints])
+        self._range = limits
         self._low, self._high = limits[:, 0] + LIMIT_MARGIN, limits[:, 1] - LIMIT_MARGIN
         first = model.actuator_ctrladr[servos[0]]
         self._qpos, self._ctrl = self.batch.bind("qpos"), self.batch.bind("ctrl")[:, first : first + len(servos)]
@@ -99,7 +100,7 @@ class Arms:
 
     def past_range(self) -> Array:
         """How far each joint is past the end of its range, (N, 7) rad; negative inside."""
-        low, high = np.array([self.model.joint(name).range for name in self.names.joints]).T
+        low, high = self._range.T
         arm = self.joint_position
         past: Array = np.maximum(low - arm, arm - high)
         return past

@@ -6,6 +6,7 @@ A domain is a TOML file, shipped (`presets/`) or anybody's own; docs/domains.md 
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -60,6 +61,24 @@ def find_domain(text: str) -> Domain:
         known = f"domains: {', '.join(PRESETS)}; see `skill domains`, or give the path of a .toml file"
         raise UsageError(f"no domain {text!r}{closest(text, PRESETS)}", known)
     return _preset(text)
+
+
+def find_domains(texts: Iterable[str]) -> list[Domain]:
+    """Several domains; results are kept by their names, so no two may share one.
+
+    Raises:
+        UsageError: one is unknown or no domain, or two have the same name.
+    """
+    found: dict[str, tuple[str, Domain]] = {}
+    for text in texts:
+        domain = find_domain(text)
+        if domain.name in found:
+            raise UsageError(
+                f"{found[domain.name][0]} and {text} are both called {domain.name!r}",
+                "name each domain once, by a name of its own",
+            )
+        found[domain.name] = text, domain
+    return [domain for _, domain in found.values()]
 
 
 @cache

@@ -14,11 +14,12 @@ from skillcli.trajectories import Array
 # rad past the end of a joint's range: stops are soft here, and give way by less under a servo that only leans on one.
 RANGE_TOLERANCE = 0.005
 
-# Contacts are soft here, so a finger that rests on the table sinks in a little. How deep, m, says how hard it presses: these
-# are the depths at about 30 N on the fingertip, with MuJoCo's own contact and with that of the push task, whose impedance
-# rises from nothing. Touching is allowed, leaning on the table is not.
+# m. Contacts are soft here, so a finger that rests on the table sinks in a little. These bound how far geometry may overlap in
+# the simulation; they are no bound on the force, which depends on how soft the contact is. MuJoCo's own contact is stiff:
+# 0.05 mm is about 30 N on the fingertip. That of the push task rises from nothing: 1 mm is about 20 N, 1.5 mm about 110 N, and
+# nominal pushes lean on the table with up to 200 N at 1.6 mm. Skills never told to keep off it do that, so it is let pass.
 STIFF_TABLE_TOLERANCE = 5e-5
-SOFT_TABLE_TOLERANCE = 1e-3
+SOFT_TABLE_TOLERANCE = 2e-3
 
 
 class Clearance:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from skillcli.envs.domains import find_domain
+from skillcli.envs.domains import find_domains
 from skillcli.recipe import Recipe
 from skillcli.stages import compose as composing
 from skillcli.stages import embed_means as embedding
@@ -30,8 +30,7 @@ def run_chain(store: Store, recipe: Recipe, seed: int, name: str, command: str, 
         SkillError: any of them fails; those before it stay.
     """
     request = composing.Request.of(recipe, "", ())  # what is wrong with the last stages is said before the first
-    for domain in recipe.transfer.domains:
-        find_domain(domain)
+    find_domains(recipe.transfer.domains)
     found = store.find("pretrain", training.inputs_of(recipe, seed), name)
     skills = store.read(found) if found else training.pretrain(store, recipe, seed, name, command, resume=True, report=report)
     yield Link(skills, found is not None)

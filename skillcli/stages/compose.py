@@ -15,13 +15,14 @@ from skillcli.errors import UsageError
 from skillcli.learning.playback import play_waypoints
 from skillcli.recipe import Recipe
 from skillcli.stages.library import TRAINED, Library, fingerprint, open_library
+from skillcli.stages.limits import breaks
 from skillcli.stages.planning import METHODS, Leg, Planned
 from skillcli.stages.pretrain import play_held
 from skillcli.stages.progress import Progress, Report, silent
 from skillcli.stages.request import Request
 from skillcli.stages.robots import Robots
 from skillcli.store import Artifact, ArtifactId, Draft, Store
-from skillcli.trajectories import Array, Trajectories
+from skillcli.trajectories import SAFETY_LIMITS, Array, Trajectories
 
 __all__ = ["METHODS", "Request", "compose", "execute", "inputs_of"]
 
@@ -82,6 +83,8 @@ def compose(
 ) -> Artifact:
     """Plan latents that meet the waypoints, execute the plan where it was planned, and write a compose artifact.
 
+    A plan that breaks a safety limit of the arm there is no success.
+
     Args:
         store: where from and to.
         source_id: an embed-means or pretrain artifact.
@@ -122,6 +125,8 @@ def compose(
     judge = robots if on else Robots()
     recordings = [execute(library, plan, waypoints, judge) for plan, waypoints in zip(plans, request.routes, strict=True)]
     recording = Trajectories.join(recordings)
+    met, broken = recording.success, breaks(library, plans, recording, judge)
+    recording = recording.judged_by(met & recording.within_limits)  # who plans may choose: a broken limit is no success
     tolerance = recipe.task.tolerance
     closest = [
         metrics.ordered_approach(path, waypoints, tolerance)
@@ -146,6 +151,9 @@ def compose(
             },
             results={
                 **_results(recipe, request, method, planned, recording, np.concatenate(closest)),
+                "waypoints_met": bool(met.all()),
+                "violations": _violations(recording),
+                "broken": broken,
                 "on": on,
                 "robots": robots.count,
                 **({} if calibration is None else _calibrated(library, calibration, planned)),
@@ -171,9 +179,17 @@ def _within(report: Report, done: int, total: int) -> Report:
 
 def execute(library: Library, plan: list[Segment], waypoints: Array, robots: Robots) -> Trajectories:
     """Run a plan from the start on the first of these robots."""
-    env = Robots(robots.parameters, 1, robots.seed).simulations(library.recipe.task, 1)
+    env = robots.first.simulations(library.recipe.task, 1)
     latent, skill = schedule(plan)
     return play_waypoints(env, library.agent.act, latent[None], skill[None], [waypoints])
+
+
+def _violations(recording: Trajectories) -> dict[str, int]:
+    """Control steps beyond each limit that is broken, over all routes."""
+    if recording.violations is None:
+        return {}
+    steps = zip(SAFETY_LIMITS, recording.violations.sum(axis=0).tolist(), strict=True)
+    return {limit: count for limit, count in steps if count}
 
 
 def calibrate(library: Library, recipe: Recipe) -> Calibration:

@@ -52,6 +52,11 @@ class Robots:
         }
         return Robots(whole, count, seed)
 
+    @property
+    def first(self) -> Robots:
+        """The first of them alone, which judges plans."""
+        return Robots(self.parameters, 1, self.seed)
+
     def simulations(self, task: TaskRecipe, slots: int) -> Environment:
         """Each robot in every slot, at the start; simulation i is robot i modulo M."""
         env = make(task, slots * self.count, delay="latency" in self.parameters)

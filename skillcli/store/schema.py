@@ -112,6 +112,7 @@ KINDS: Mapping[str, Kind] = {
             "domains/*/*": Field("episode,...", required=False),
             "episodes/domain": Field("episode"),
             "episodes/final_distance": Field("episode", "m"),
+            "episodes/replay_error": Field("episode", "m", required=False),
             "episodes/return": Field("episode"),
             "episodes/*": Field("episode,...", required=False),
             **TRAJECTORIES,

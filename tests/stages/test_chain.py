@@ -20,7 +20,8 @@ from skillcli.stages.compose import Request, compose, execute
 from skillcli.stages.library import open_library
 from skillcli.stages.pretrain import evaluate
 from skillcli.stages.robots import Robots
-from skillcli.stages.transfer_eval import Script, run_on
+from skillcli.stages.script import Script
+from skillcli.stages.trial import NOMINAL, Target, Trial
 from skillcli.store import STAGES, Artifact, ArtifactId, Store
 from skillcli.trajectories import Trajectories
 
@@ -184,7 +185,8 @@ def test_the_nominal_domain_repeats_the_source_and_others_do_not(chain: Path) ->
 def test_bare_skills_can_be_transferred_too(chain: Path) -> None:
     artifact = read(chain, "embed-means")
     library = open_library(Store(chain), artifact)
-    path, drawn = run_on(library, Script.of(artifact, library, 10), find_domain("real-like"), seed=1)
+    target = Target.drawn(find_domain("real-like"), 10, seed=1)
+    path, drawn = Trial(library, 1).run(Script.of(artifact, library).in_turn(10), target), target.parameters
     assert path.skill[:, 0].tolist() == [0, 1, 2, 3, 4, 5, 6, 7, 0, 1]
     np.testing.assert_array_equal(path.target, library.goals[path.skill[:, 0]])
     assert set(drawn["latency"].tolist()) == {0.0, 0.05}
@@ -222,10 +224,10 @@ def test_more_episodes_than_simulations_side_by_side_give_the_same_as_all_at_onc
 ) -> None:
     source = read(chain, "embed-means")
     library = open_library(Store(chain), source)
-    script = Script.of(source, library, 10)
-    whole, _ = run_on(library, script, find_domain("nominal"), 0)
-    monkeypatch.setattr("skillcli.stages.transfer_eval.MAX_SIMULATIONS", 3)
-    parts, _ = run_on(library, script, find_domain("nominal"), 0)
+    script = Script.of(source, library).in_turn(10)
+    whole = Trial(library, 0).run(script, NOMINAL)
+    monkeypatch.setattr("skillcli.stages.trial.MAX_SIMULATIONS", 3)
+    parts = Trial(library, 0).run(script, NOMINAL)
     assert parts.gripper_position == pytest.approx(whole.gripper_position, abs=1e-4)
     assert parts.episodes == 10
 

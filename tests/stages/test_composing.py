@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -120,3 +121,30 @@ def test_an_interrupted_composition_leaves_nothing(chain: Path, method: str) -> 
     with pytest.raises(KeyboardInterrupt):
         compose(store, source.id, recipe, request, method, "test", "stopped", interrupt)
     assert files(chain) == before
+
+
+# --- safety limits ----------------------------------------------------------------------------------------------------
+
+
+def test_a_plan_that_breaks_a_limit_is_no_success_and_says_where(copy: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = copy.read(ArtifactId("tiny", "embed-means", 1))
+    recipe = resolve(source.recipe, ["sequence.plan=1:0.2,2:0.2"])
+    request = asked(recipe, "sequence")
+    first = compose(copy, source.id, recipe, request, "sequence", "test")
+    end = first.arrays["trajectories/gripper_position"][:, -1].astype(float)
+    request = replace(request, routes=(end,))  # asked for what it does
+    kept = compose(copy, source.id, recipe, request, "sequence", "test")
+    assert kept.results["success"] and (kept.results["violations"], kept.results["broken"]) == ({}, [])
+
+    speed = np.abs(np.diff(kept.arrays["trajectories/joint_position"][0], axis=0)) / 0.05
+    monkeypatch.setattr("skillcli.envs.arm_environment.VELOCITY_LIMIT", np.full(7, 0.5 * speed.max()))
+    broken = compose(copy, source.id, recipe, request, "sequence", "test")
+    (found,) = broken.results["broken"]
+    path = broken.arrays["trajectories/violations"][0]
+    assert found["limit"] == "joint_speed" and found["route"] == 0 and 0 < found["control_steps"] <= 8
+    assert broken.results["violations"] == {"joint_speed": found["control_steps"]} == {"joint_speed": path[1]}
+    step = round(found["seconds"] / 0.05)
+    assert found["segment"] == (step - 1) // 4 and step >= 1
+    assert found["gripper_m"] == pytest.approx(broken.arrays["trajectories/gripper_position"][0, step], abs=1e-6)
+    assert not broken.results["success"] and broken.results["success_rate"] == 0
+    assert broken.results["waypoints_met"] == kept.results["waypoints_met"] == kept.results["success"]

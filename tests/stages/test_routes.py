@@ -19,7 +19,8 @@ from skillcli.stages.compose import Request, execute, inputs_of
 from skillcli.stages.library import open_library
 from skillcli.stages.pretrain import evaluate
 from skillcli.stages.robots import Robots
-from skillcli.stages.transfer_eval import Script, run_on
+from skillcli.stages.script import Script
+from skillcli.stages.trial import Target, Trial
 from skillcli.stages.visualise import draw, record, scene_of
 from skillcli.store import STAGES, Artifact, ArtifactId, Store
 from skillcli.trajectories import Array, Trajectories
@@ -184,7 +185,7 @@ def test_reports_name_the_route_of_every_segment_and_waypoint(push_chain: Path) 
 def test_a_script_runs_the_routes_in_turn_each_to_its_own_end(push_chain: Path) -> None:
     artifact = read(push_chain, "compose")
     library, path = open_library(Store(push_chain), artifact), recording(artifact)
-    script = Script.of(artifact, library, 7)
+    script = Script.of(artifact, library).in_turn(7)
     turn = [0, 1, 2, 0, 1, 2, 0]
     assert script.steps.tolist() == path.length[turn].tolist()
     np.testing.assert_array_equal(script.latent, path.latent[turn])
@@ -214,7 +215,8 @@ def test_the_nominal_robot_does_with_every_route_what_the_source_did(push_chain:
 def test_bare_pushes_are_judged_from_random_starts_too(push_chain: Path) -> None:
     artifact = read(push_chain, "embed-means")
     library = open_library(Store(push_chain), artifact)
-    path, drawn = run_on(library, Script.of(artifact, library, 8), find_domain("random-starts"), seed=1)
+    target = Target.drawn(find_domain("random-starts"), 8, seed=1)
+    path, drawn = Trial(library, 1).run(Script.of(artifact, library).in_turn(8), target), target.parameters
     np.testing.assert_allclose(path.judged[:, 0, :2] - drawn["object_offset"], [[0.6, 0]] * 8, atol=1e-6)
     np.testing.assert_array_equal(path.target, library.goals[[0, 1, 2, 3, 0, 1, 2, 3]], "the goals stay")
     task = library.recipe.task

@@ -1,0 +1,120 @@
+"""Episodes on robots that differ: fed with latents, planned again on the way, or sent the source's actions blindly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from skillcli.envs.domains import Domain
+from skillcli.envs.environment import Environment
+from skillcli.envs.robot import Robot
+from skillcli.envs.tasks import MAX_SIMULATIONS, make
+from skillcli.learning.playback import play, play_waypoints
+from skillcli.perturbation import sample
+from skillcli.recipe import PointTask
+from skillcli.seeding import generator
+from skillcli.stages.library import Library
+from skillcli.stages.replanning import Replanner
+from skillcli.stages.script import Script
+from skillcli.trajectories import Array, Trajectories
+
+
+@dataclass(frozen=True)
+class Target:
+    """A domain, with what was drawn from it for each episode."""
+
+    name: str
+    parameters: dict[str, Array]  # (E,) or (E, n) by name, see `skillcli.perturbation`
+
+    @staticmethod
+    def drawn(domain: Domain, episodes: int, seed: int) -> Target:
+        """Hangs on domain, number of episodes and seed only: whatever is judged meets the same robots."""
+        return Target(domain.name, sample(domain.parameters, episodes, generator(seed, f"domain {domain.name}")))
+
+    def only(self, names: Iterable[str]) -> Target:
+        """The same robots, with everything but these parameters nominal."""
+        return Target(self.name, {name: self.parameters[name] for name in names})
+
+
+NOMINAL = Target("nominal", {})
+
+
+@dataclass(frozen=True)
+class Trial:
+    """How episodes are played.
+
+    Attributes:
+        library: the skills.
+        seed: of what goes on by chance in an episode, and of planning.
+        robot: the model that stands there, the source's where there is none.
+        replanner: plans again on the way; without it the script is fed as it is.
+    """
+
+    library: Library
+    seed: int
+    robot: Robot | None = None
+    replanner: Replanner | None = None
+
+    def check(self) -> None:
+        """Refuse a robot that does not fit the task, before any work.
+
+        Raises:
+            UsageError: it does not.
+        """
+        if self.robot is not None:
+            make(self.library.recipe.task, 1, robot=self.robot)
+
+    def run(self, script: Script, target: Target, told: Callable[[int, int], None] = lambda *_: None) -> Trajectories:
+        """Play a script on a target, one episode each; `told` hears of every episode that is planned again."""
+        if self.replanner is not None:
+            return self._replan(self.replanner, script, target, told)
+
+        def feed(env: Environment, part: slice) -> Trajectories:
+            act, latent, skill = self.library.agent.act, script.latent[part], script.skill[part]
+            return play_waypoints(env, act, latent, skill, script.waypoints[part], script.steps[part])
+
+        return self._side_by_side(script.episodes, target, feed)
+
+    def replay(self, source: Trajectories, target: Target, episodes: int) -> Array:
+        """How far the judged point ends from where it ended in the source, whose actions are sent in turn, (E,) m."""
+        task, turn = self.library.recipe.task, np.arange(episodes) % source.episodes
+        actions = source.action / (task.step_limit if isinstance(task, PointTask) else task.action_limit)
+
+        def send(env: Environment, part: slice) -> Trajectories:
+            which = turn[part]
+            env.target[:] = source.judged[which, source.length[which]]
+            return play(env, lambda _, action: action, actions[which], source.skill[which], source.length[which])[0]
+
+        sent = self._side_by_side(episodes, target, send)
+        end = sent.judged[np.arange(episodes), sent.length]
+        error: Array = np.linalg.norm(end - source.judged[turn, source.length[turn]], axis=1)
+        return error
+
+    def _side_by_side(
+        self, episodes: int, target: Target, play_part: Callable[[Environment, slice], Trajectories]
+    ) -> Trajectories:
+        sensors, recordings = generator(self.seed, f"sensors {target.name}"), []
+        for first in range(0, episodes, MAX_SIMULATIONS):
+            part = slice(first, min(first + MAX_SIMULATIONS, episodes))
+            parameters = {name: values[part] for name, values in target.parameters.items()}
+            recordings.append(play_part(self._robots(parameters, part.stop - first, sensors), part))
+        return Trajectories.join(recordings)
+
+    def _robots(self, parameters: dict[str, Array], count: int, sensors: np.random.Generator) -> Environment:
+        """Simulations at the start, one of each drawn robot."""
+        env = make(self.library.recipe.task, count, delay="latency" in parameters, robot=self.robot)
+        if parameters:
+            env.perturb(parameters, sensors)
+        env.reset(np.arange(count), np.zeros(count, dtype=np.int64))
+        return env
+
+    def _replan(self, replanner: Replanner, script: Script, target: Target, told: Callable[[int, int], None]) -> Trajectories:
+        steps, recordings = replanner.leg.steps(replanner.leg.recipe.transfer.replan_seconds), []
+        for episode, waypoints in enumerate(script.waypoints):
+            told(episode, script.episodes)
+            one = {name: values[episode : episode + 1] for name, values in target.parameters.items()}
+            env = self._robots(one, 1, generator(self.seed, f"sensors {target.name} {episode}"))
+            recordings.append(replanner.episode(env, waypoints, steps * len(waypoints), self.seed))
+        return Trajectories.join(recordings)

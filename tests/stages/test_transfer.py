@@ -1,0 +1,222 @@
+"""Transfers: the same robots whatever is judged, reports that follow from the episodes, other robots, and robots that break."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from skillcli import metrics
+from skillcli.envs.domains import find_domain, find_domains
+from skillcli.envs.robot import load_robot
+from skillcli.errors import UsageError
+from skillcli.perturbation import MANNERS
+from skillcli.recipe import resolve
+from skillcli.stages.library import Library, open_library
+from skillcli.stages.script import Script
+from skillcli.stages.transfer_eval import inputs_of, transfer_eval
+from skillcli.stages.transfer_report import broken, most_harmful_first, one_at_a_time, worst
+from skillcli.stages.trial import NOMINAL, Target, Trial
+from skillcli.store import Artifact, ArtifactId, Store
+from skillcli.trajectories import SAFETY_LIMITS, Array, Trajectories
+
+SOURCE = ArtifactId("tiny", "compose", 1)
+ROBOT = Path(__file__).parent.parent / "robots" / "servo.toml"
+REPLAN = ["transfer.replan=true", "transfer.replan_seconds=0.2", "transfer.replan_budget=2"]
+# Feather-light links, much too stiff late servos, and hard knocks.
+NASTY = """name = "nasty"
+[parameters]
+link_mass = 0.01
+link_inertia = 0.01
+armature = 0.01
+gain = 1000.0
+latency = 0.1
+joint_noise = 1.0
+push_rate = 20.0
+arm_push = 50.0
+"""
+
+
+@pytest.fixture
+def copy(chain: Path, tmp_path: Path) -> Store:
+    """A store of one's own with the tiny chain in it."""
+    return Store(shutil.copytree(chain, tmp_path / "artifacts"))
+
+
+@pytest.fixture
+def library(chain: Path) -> Library:
+    return open_library(Store(chain), Store(chain).read(SOURCE))
+
+
+def moved(store: Store, domains: Sequence[str], *settings: str, episodes: int = 3, **more: Any) -> Artifact:
+    recipe = resolve(store.read(SOURCE).recipe, settings)
+    return transfer_eval(store, SOURCE, recipe, domains, episodes, 0, "test", **more)
+
+
+def recording(artifact: Artifact) -> Trajectories:
+    return Trajectories(**artifact.group("trajectories"))
+
+
+def ended(*distance: float, violations: Array | None = None, tolerance: float = 0.05) -> Trajectories:
+    """Episodes of one step that end at these distances, m."""
+    episodes, end = len(distance), np.array(distance)
+    path = np.zeros((episodes, 2, 3))
+    path[:, 1, 0] = end
+    return Trajectories(
+        time=np.arange(2) * 0.05, latent=np.zeros((episodes, 1, 2)), skill=np.zeros((episodes, 1)),
+        action=np.zeros((episodes, 1, 7)), reward=np.zeros((episodes, 1)), target=np.zeros((episodes, 3)),
+        success=end <= tolerance, length=np.ones(episodes, dtype=int), gripper_position=path, violations=violations,
+    )  # fmt: skip
+
+
+# --- the same robots --------------------------------------------------------------------------------------------------
+
+
+def test_whatever_is_judged_meets_the_same_robots(copy: Store) -> None:
+    blind, again = moved(copy, ["real-like"]), moved(copy, ["real-like", "mild"], *REPLAN)
+    assert (blind.results["replanned"], again.results["replanned"]) == (False, True)
+    drawn = blind.group("domains/real-like")
+    assert drawn.keys() == find_domain("real-like").parameters.keys()
+    for name, values in again.group("domains/real-like").items():
+        np.testing.assert_array_equal(values, drawn[name], err_msg=name)
+    np.testing.assert_allclose(  # the start alone shows that they were used
+        recording(again).judged[:3, 0], recording(blind).judged[:, 0], atol=1e-6
+    )
+    error = blind.arrays["episodes/replay_error"]
+    np.testing.assert_allclose(again.arrays["episodes/replay_error"][:3], error), "the source's commands in both"
+
+
+def test_two_domains_of_one_name_are_refused(tmp_path: Path) -> None:
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "worn.toml").write_text('name = "worn"\n')
+    a, b = (str(tmp_path / folder / "worn.toml") for folder in ("a", "b"))
+    assert [domain.name for domain in find_domains([a, "mild"])] == ["worn", "mild"]
+    with pytest.raises(UsageError, match="both called 'worn'"):
+        find_domains([a, "mild", b])
+
+
+# --- what is reported -------------------------------------------------------------------------------------------------
+
+
+def test_reports_follow_from_the_stored_episodes(copy: Store) -> None:
+    artifact = moved(copy, ["nominal", "real-like"], episodes=7)
+    path, results, arrays = recording(artifact), artifact.results, artifact.arrays
+    assert path.violations is not None and results["robot"] is None
+    for index, found in enumerate(results["domains"]):
+        here = slice(7 * index, 7 * index + 7)
+        part, rate = path.select(here), results["source"]["success_rate"]
+        low, high = found["ci95"]
+        assert found["gap"] == pytest.approx(rate - found["success_rate"])
+        assert found["gap_ci95"] == pytest.approx([rate - high, rate - low]), "the source is known exactly"
+        assert list(found["violations"]) == list(SAFETY_LIMITS)
+        assert list(found["violations"].values()) == (part.violations > 0).sum(axis=0).tolist()  # type: ignore[operator]
+        assert found["replay_error_m"] == pytest.approx(metrics.distance_summary(arrays["episodes/replay_error"][here]))
+        order = np.argsort(-arrays["episodes/final_distance"][here], kind="stable")[:5]
+        assert [each["episode"] for each in found["worst"]] == (order + 7 * index).tolist()
+    worst_of = results["domains"][1]["worst"][0]
+    assert worst_of["parameters"]["latency"] == arrays["domains/real-like/latency"][worst_of["episode"] - 7]
+    assert "link_mass" not in worst_of["parameters"], "seven numbers"
+
+
+def test_a_broken_limit_is_counted_and_takes_nothing_from_success() -> None:
+    path = ended(0.0, 0.01, 0.2, violations=np.array([[0, 0, 4], [0, 0, 0], [1, 0, 1]]))
+    assert path.within_limits.tolist() == [False, True, False]
+    assert broken(path) == {"joint_range": 1, "joint_speed": 0, "table_clearance": 2}
+    assert broken(replace(path, violations=None)) == {} and replace(path, violations=None).within_limits.all()
+
+
+def test_the_worst_episodes_come_farthest_first_with_what_was_drawn() -> None:
+    target = Target("mild", {"latency": np.arange(7) / 100, "gain": np.ones((7, 7))})
+    found = worst(target, ended(0.1, 0.5, 0.2, 0.5, 0.0, 0.01, 0.3), first=10)
+    assert [each["episode"] for each in found] == [11, 13, 16, 12, 10]
+    assert found[0]["parameters"] == {"latency": 0.01} and found[0]["final_distance_m"] == pytest.approx(0.5)
+
+
+def test_commands_sent_blindly_end_in_the_source_where_they_did_and_elsewhere_on_weak_servos(library: Library) -> None:
+    artifact = library.source
+    source = Trial(library, 0).run(Script.of(artifact, library), NOMINAL)
+    trial = Trial(library, 0)
+    assert trial.replay(source, NOMINAL, 11) == pytest.approx(np.zeros(11), abs=1e-5)
+    weak = trial.replay(source, Target("weak", {"gain": np.full((11, 7), 0.3)}), 11)
+    assert (weak > 1e-3).any() and weak[8:] == pytest.approx(weak[:3], abs=1e-5), "skills in turn"
+
+
+# --- one parameter at a time ------------------------------------------------------------------------------------------
+
+
+def test_one_parameter_alone_keeps_its_values_and_what_says_how_it_acts() -> None:
+    drawn = {name: np.full(3, 0.5) for name in ("latency", "joint_drift", "drift_time", "push_rate", "arm_push")}
+    alone = one_at_a_time(Target("all", drawn))
+    assert {name: set(target.parameters) for name, target in alone.items()} == {
+        "latency": {"latency"}, "joint_drift": {"joint_drift", "drift_time"}, "arm_push": {"arm_push", "push_rate"},
+    }  # fmt: skip
+    assert alone["latency"].parameters["latency"] is drawn["latency"]
+    assert {"drift_time", "push_rate"} == MANNERS
+
+
+def test_what_hurts_most_comes_first() -> None:
+    rows = most_harmful_first({"a": ended(0, 0, 0.1), "b": ended(0, 0.2, 0.3), "c": ended(0, 0.01, 0.1)})
+    assert [row["parameter"] for row in rows] == ["b", "c", "a"], "of two with equal successes the larger median distance"
+    assert rows[0]["successes"] == 1 and rows[0]["ci95"] == list(metrics.wilson_interval(1, 3))
+
+
+@pytest.mark.parametrize("settings", [[], REPLAN])
+def test_sensitivity_runs_every_parameter_alone_on_the_same_episodes(copy: Store, settings: list[str]) -> None:
+    artifact = moved(copy, ["nominal", "latency-40"], *settings, sensitivity=True, episodes=2)
+    nominal, late = artifact.results["domains"]
+    assert nominal["sensitivity"] == []
+    (row,) = late["sensitivity"]
+    assert row["parameter"] == "latency", "a domain of one parameter is that parameter alone"
+    for key in ("successes", "ci95", "final_distance_m"):
+        assert row[key] == late[key]
+    assert "sensitivity" not in moved(copy, ["nominal"]).results["domains"][0]
+
+
+# --- other robots -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("settings", [[], REPLAN])
+def test_episodes_run_on_another_robot_and_the_source_stays(copy: Store, settings: list[str]) -> None:
+    robot = load_robot(ROBOT)
+    own, other = moved(copy, ["mild"], *settings), moved(copy, ["mild"], *settings, robot=robot)
+    assert other.results["robot"]["file"] == "servo.toml" and other.results["robot"]["fingerprint"] == robot.fingerprint
+    assert other.results["source"] == own.results["source"], "planned and judged on our own model"
+    assert np.abs(recording(own).judged[:, 1] - recording(other).judged[:, 1]).max() > 1e-4
+    drawn = own.group("domains/mild")
+    for name, values in other.group("domains/mild").items():
+        np.testing.assert_array_equal(values, drawn[name], err_msg=name)
+
+
+def test_robot_and_sensitivity_are_inputs_and_without_them_nothing_changes(chain: Path) -> None:
+    source = Store(chain).read(SOURCE)
+    recipe, robot = resolve(source.recipe), load_robot(ROBOT)
+    usual = inputs_of(source, recipe, ["mild"], 3, 0)
+    assert usual == inputs_of(source, recipe, ["mild"], 3, 0, None, False)
+    other, much = inputs_of(source, recipe, ["mild"], 3, 0, robot), inputs_of(source, recipe, ["mild"], 3, 0, None, True)
+    again = inputs_of(source, recipe, ["mild"], 3, 0, replace(robot, fingerprint="0" * 64))
+    assert len({usual, other, much, again}) == 4
+
+
+# --- robots that break ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("settings", [[], REPLAN])
+def test_a_robot_that_comes_apart_fails_and_leaves_no_nan(
+    copy: Store, tmp_path: Path, settings: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("skillcli.envs.arms._FASTEST", 5.0)  # rad/s, so that it comes apart at once
+    (tmp_path / "nasty.toml").write_text(NASTY)
+    artifact = moved(copy, [str(tmp_path / "nasty.toml")], *settings, episodes=2)
+    (found,) = artifact.results["domains"]
+    assert (found["successes"], found["episodes"]) == (0, 2)
+    assert recording(artifact).length.max() <= 2, "it ends where the simulation fails"
+    assert copy.verify(artifact.id) == []
+    for name, array in artifact.arrays.items():
+        assert np.isfinite(array).all(), name
+    assert all(np.isfinite(value) for value in [*found["final_distance_m"].values(), *found["replay_error_m"].values()])
