@@ -1,8 +1,12 @@
-"""Closed loop over segments: look at the target after each one, plan again from what is seen, and go on from there."""
+"""Closed loop over segments: look at the target after each one, plan again from what is seen, and go on from there.
+
+How late the target obeys is told from how it moved; the next plan is made for a robot that obeys as late.
+"""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,12 +18,14 @@ from skillcli.composition.search import Expansions
 from skillcli.envs.environment import Environment, Sighting
 from skillcli.errors import UsageError
 from skillcli.learning.playback import conduct, met
+from skillcli.recipe import PointTask
 from skillcli.seeding import generator
 from skillcli.stages.planning import Leg, choices_of, mpc_from, search_from
 from skillcli.stages.robots import Robots
 from skillcli.trajectories import Array, Trajectories
 
 REPLANS = ("search", "mpc")
+LATENESS = np.array([0.0, 0.025, 0.05, 0.075, 0.1, 0.15])  # s, told apart
 MARGIN = 0.8  # of the tolerance of waypoints that are passed: what the sensors show is off by millimetres
 GLANCE = 2  # control steps over which the speed of the judged point is seen: over one, noise would drown it
 
@@ -55,12 +61,14 @@ class Replanner:
             )
         # who looks again soon plans quickly: on the nominal robot, in the shortest segments
         search = leg.recipe.search.model_copy(update={"segments": (min(leg.recipe.search.segments),)})
-        leg = replace(leg, recipe=leg.recipe.model_copy(update={"search": search}), robots=Robots())
+        leg = replace(leg, recipe=leg.recipe.model_copy(update={"search": search}), robots=Robots({"latency": np.zeros(1)}))
         self.leg, self.method, self.effort = leg, method, Effort()
         self._choices = choices_of(leg)
         settings = leg.recipe.transfer
         slots = settings.replan_batch * len(self._choices.latent) if method == "search" else leg.recipe.mpc.samples
         self._simulations = leg.robots.simulations(leg.recipe.task, slots)
+        self._lateness = 0.0  # s, of the simulations
+        self._late = Robots({"latency": LATENESS}, len(LATENESS)).simulations(leg.recipe.task, 1)
         self._world = LatentEnvironment(self._simulations, leg.library.agent.act)
         self._longest = leg.steps(search.segments[0] if method == "search" else leg.recipe.mpc.segment)
 
@@ -83,6 +91,30 @@ class Replanner:
         """What is near enough to stop, m."""
         own = self.leg.recipe.search if self.method == "search" else self.leg.recipe.mpc
         return min(own.goal_tolerance, self.leg.recipe.task.tolerance)
+
+    def misfit(self, state: Array, applied: Sequence[Array], measured: Sequence[Array]) -> Array:
+        """How far robots of each `LATENESS` end up from what was measured, summed over the steps, rad².
+
+        Args:
+            state: (1, v) sighting before the first step.
+            applied: increments (7,) rad of each step.
+            measured: joint angles (7,) rad behind each step.
+        """
+        off = np.zeros(len(LATENESS))
+        if isinstance(self.leg.recipe.task, PointTask):  # obeys at once
+            return off
+        self._late.imagine(np.arange(len(LATENESS)), np.repeat(state, len(LATENESS), axis=0))
+        for increment, joints in zip(applied, measured, strict=True):
+            step = self._late.step(np.tile(increment / self.leg.recipe.task.action_limit, (len(LATENESS), 1)))
+            off += np.square(step.observation[:, :7] - joints).sum(axis=1)
+        return off
+
+    def assume(self, lateness: float) -> None:
+        """Plan for a robot that obeys this late, s, from now on."""
+        if lateness != self._lateness:
+            late = {"latency": np.full(self._simulations.num, lateness)}
+            self._simulations.perturb(late, np.random.default_rng(0))  # without noise there is nothing to draw
+            self._lateness = lateness
 
     def next(self, seen: Sighting, waypoints: Array, rng: np.random.Generator) -> Segment:
         """The first segment of a new plan; where nothing tried is better than staying, a moment of the first skill."""
@@ -115,6 +147,10 @@ class _Mission:
         self._segment: Segment | None = None
         self._left = 0  # control steps that the segment is still held for
         self._path: list[Array] = []  # (3,) m, the judged point as it was seen
+        self._begun: Array = np.zeros((1, 0))  # what was seen when the segment began
+        self._applied: list[Array] = []
+        self._measured: list[Array] = []  # since then, behind each step
+        self._misfit = np.zeros(len(LATENESS))
 
     def feed(self, _: int, failed: Array) -> tuple[Array, Array, Array] | None:
         """See `conduct`."""
@@ -122,15 +158,26 @@ class _Mission:
             return None
         seen = self._target.look()
         self._path.append(seen.judged[0])
+        if len(self._path) > 1:
+            self._applied.append(self._target.applied[0].copy())
+            self._measured.append(seen.state[0, :7])
         if self._arrived():
             return None
         if self._left == 0:
+            self._identify(seen)
             self._segment = self._replanner.next(seen, self._waypoints[self._due :], self._rng)
             self._left = self._segment.steps
         assert self._segment is not None
         latent = self._segment.latents[self._segment.steps - self._left]
         self._left -= 1
         return latent[None], np.array([self._segment.skill]), np.array([True])
+
+    def _identify(self, seen: Sighting) -> None:
+        """Learn from the segment that has ended how late the target obeys."""
+        if self._applied:
+            self._misfit += self._replanner.misfit(self._begun, self._applied, self._measured)
+        self._replanner.assume(float(LATENESS[np.argmin(self._misfit)]))
+        self._begun, self._applied, self._measured = seen.state, [], []
 
     def _arrived(self) -> bool:
         """Take note of a waypoint that is met; whether the last one is, slowly enough."""

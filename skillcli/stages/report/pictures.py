@@ -177,7 +177,7 @@ def _arm_returns(material: Material) -> Plan | None:
     groups: dict[str, list[Exhibit]] = {}
     for one in material.find("compose", where=_with_arm):
         goals = str(np.round(one.scene.waypoints, 4).tolist())
-        groups.setdefault(f"{one.name} {goals}", []).append(one)
+        groups.setdefault(f"{one.artifact.parents[0].content_sha256} {goals}", []).append(one)  # of the same skills
     compared = [runs for runs in groups.values() if len({_arm(one) for one in runs}) > 1]
     if not compared:
         return None
