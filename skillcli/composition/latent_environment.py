@@ -78,16 +78,15 @@ class LatentEnvironment:
     def hold(self, rows: Array, latent: Array, steps: int) -> Outcome:
         """From states (n, S), hold latents (n, d) for some control steps, n as large as it may be."""
         parts = [
-            self.hold_at(np.arange(len(rows[first : first + self.slots])), rows[first:][: self.slots],
-                         latent[first:][: self.slots], steps)
+            self._hold(rows[first:][: self.slots], latent[first:][: self.slots], steps)
             for first in range(0, len(rows), self.slots)
-        ]  # fmt: skip
+        ]
         return Outcome(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Outcome)))
 
-    def hold_at(self, slots: Array, rows: Array, latent: Array, steps: int) -> Outcome:
-        """The same in chosen slots (n,): whose robots are those of which the states are."""
-        count, robots = len(slots), self.robots
-        used = (slots[:, None] * robots + np.arange(robots)).ravel()
+    def _hold(self, rows: Array, latent: Array, steps: int) -> Outcome:
+        """The same from as many states as there are slots, at most."""
+        count, robots = len(rows), self.robots
+        used = np.arange(count * robots)
         held = np.zeros((self._env.num, latent.shape[1]))
         held[used] = np.repeat(latent, robots, axis=0)
         self._env.restore(used, rows.reshape(count * robots, -1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -65,20 +66,29 @@ class Route:
 
     def left(self, due: Array, points: Array) -> Array:
         """Metres to go for landmarks (..., L, 3) m: to the waypoint due, on through the others, and the approach; (...,)."""
-        legs = np.linalg.norm(np.diff(self.waypoints, axis=0), axis=1)
-        behind = np.concatenate([np.cumsum(legs[::-1])[::-1], [0.0]])
         gap = np.linalg.norm(points[..., 0, :] - self.waypoints[due], axis=-1)
-        left: Array = gap + behind[due]
+        left = self.way(due, points)
         if points.shape[-2] > 1:
-            left += self.approach * np.minimum(gap / FADE, 1.0) * self._approach(due, points)
+            left += self.approach * np.minimum(gap / FADE, 1.0) * self.detour(due, points)
         return left
+
+    def way(self, due: Array, points: Array) -> Array:
+        """From the judged point straight to the waypoint that is due and on through the others, (..., L, 3) m to (...,) m."""
+        way: Array = np.linalg.norm(points[..., 0, :] - self.waypoints[due], axis=-1) + self._legs_behind[due]
+        return way
+
+    @cached_property
+    def _legs_behind(self) -> Array:
+        """Length of the route behind each waypoint, (W,) m."""
+        legs = np.linalg.norm(np.diff(self.waypoints, axis=0), axis=1)
+        return np.concatenate([np.cumsum(legs[::-1])[::-1], [0.0]])
 
     def final_gap(self, points: Array) -> Array:
         """Distance of the judged point to the last waypoint, (..., L, 3) m to (...,) m."""
         gap: Array = np.linalg.norm(points[..., 0, :] - self.waypoints[-1], axis=-1)
         return gap
 
-    def _approach(self, due: Array, points: Array) -> Array:
+    def detour(self, due: Array, points: Array) -> Array:
         """From the gripper to where it can push the box straight at the waypoint, seen from above, (...,) m."""
         box, gripper = points[..., 0, :2], points[..., 1, :2]
         gap = self.waypoints[due, :2] - box

@@ -17,7 +17,7 @@ import numpy as np
 from skillcli.composition.latent_environment import LatentEnvironment, Outcome
 from skillcli.composition.plan import Choices, Segment
 from skillcli.composition.planner import Proposal, run
-from skillcli.composition.route import cautious
+from skillcli.composition.route import Route, cautious
 from skillcli.trajectories import Array
 
 
@@ -64,8 +64,7 @@ class UniformCostSearch:
 
     def __init__(self, root: Array, points: Array, waypoints: Array, choices: Choices, settings: Settings) -> None:
         self.waypoints, self.choices, self.settings = waypoints, choices, settings
-        legs = np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
-        self._legs_behind = np.concatenate([np.cumsum(legs[::-1])[::-1], [0.0]])  # m, path behind each waypoint
+        self._route = Route(waypoints, settings.tolerance, settings.standoff)
         start = Node(None, -1, 0, 0.0, np.zeros(len(points), dtype=int), points, root, 0.0)
         self._order = itertools.count()
         self._open: list[tuple[float, int, Node]] = [(self._priority(start), next(self._order), start)]
@@ -139,7 +138,8 @@ class UniformCostSearch:
                 self.goal = self.best = child
             return
         heapq.heappush(self._open, (self._priority(child), next(self._order), child))
-        if self.goal is None and self._merit(child) < self._merit(self.best):
+        # whatever latent is held moves the arm: standing still at the root is no plan, however near the root is
+        if self.goal is None and (self.best.parent is None or self._merit(child) < self._merit(self.best)):
             self.best = child
 
     def _met(self, node: Node) -> bool:
@@ -173,15 +173,7 @@ class UniformCostSearch:
         """Length of the straight way through all waypoints that are due, m."""
         if self._met(node):
             return 0.0
-        gap = np.linalg.norm(node.points[:, 0] - self.waypoints[node.due], axis=1)
-        return float(cautious(gap + self._legs_behind[node.due]))
-
-    def _approach(self, node: Node) -> float:
-        """How far the gripper is from where it can push the box straight at the waypoint that is due, m."""
-        box, gripper = node.points[:, 0, :2], node.points[:, 1, :2]
-        gap = self.waypoints[node.due, :2] - box
-        behind = box - self.settings.standoff * gap / np.maximum(np.linalg.norm(gap, axis=1, keepdims=True), 1e-6)
-        return float(cautious(np.linalg.norm(gripper - behind, axis=1)))
+        return float(cautious(self._route.way(node.due, node.points)))
 
     def _priority(self, node: Node) -> float:
         if self.settings.max_speed <= 0 or self._met(node):
@@ -190,7 +182,7 @@ class UniformCostSearch:
         slack = self.settings.tolerance * (2 * (len(self.waypoints) - int(node.due.min())) - 1)
         seconds = max(0.0, self._remaining(node) - slack) / self.settings.max_speed
         if self.settings.approach_speed > 0:
-            seconds += self._approach(node) / self.settings.approach_speed
+            seconds += float(cautious(self._route.detour(node.due, node.points))) / self.settings.approach_speed
         return node.cost + self.settings.weight * seconds / self.settings.step_seconds
 
     def _merit(self, node: Node) -> tuple[int, float]:

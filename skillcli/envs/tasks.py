@@ -6,7 +6,7 @@ A new task is one file beside this one and one line in each table here.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -76,6 +76,27 @@ def make(task: Task, num: int, threads: int = 0, delay: bool = False, robot: Rob
     if isinstance(task, PushTask):
         return PushEnvironment(task, num, threads, delay, robot)
     return ReachEnvironment(task, num, threads, delay, robot)
+
+
+def stand(
+    task: Task, skill: Array, parameters: Mapping[str, Array], rng: np.random.Generator, threads: int = 0,
+    robot: Robot | None = None,
+) -> Environment:  # fmt: skip
+    """N simulations at the start, each a robot of its own.
+
+    Args:
+        task: from a recipe.
+        skill: (N,) index of the goal of each.
+        parameters: what differs between them, (N,) or (N, n) by name, see `skillcli.perturbation`; nothing where empty.
+        rng: of what goes on by chance in them, sensor noise and pushes.
+        threads: as for `make`.
+        robot: as for `make`.
+    """
+    env = make(task, len(skill), threads, "latency" in parameters, robot)
+    if parameters:
+        env.perturb(parameters, rng)
+    env.reset(np.arange(len(skill)), skill)
+    return env
 
 
 def _spec_of(task: ReachTask | PushTask) -> mujoco.MjSpec:

@@ -178,8 +178,8 @@ def _within(report: Report, done: int, total: int) -> Report:
 
 
 def execute(library: Library, plan: list[Segment], waypoints: Array, robots: Robots) -> Trajectories:
-    """Run a plan from the start on the first of these robots."""
-    env = robots.first.simulations(library.recipe.task, 1)
+    """Run a plan from the start on one robot."""
+    env = robots.simulations(library.recipe.task, 1)
     latent, skill = schedule(plan)
     return play_waypoints(env, library.agent.act, latent[None], skill[None], [waypoints])
 

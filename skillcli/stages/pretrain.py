@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from skillcli import metrics
-from skillcli.envs.tasks import MAX_SIMULATIONS, check_goal, make, model_fingerprint, skill_goals
+from skillcli.envs.tasks import MAX_SIMULATIONS, check_goal, make, model_fingerprint, skill_goals, stand
 from skillcli.envs.throughput import BareEngine
 from skillcli.errors import Interrupted
 from skillcli.learning.agent import Agent
@@ -176,9 +176,7 @@ def evaluate_randomised(recipe: Recipe, agent: Agent, seed: int, threads: int = 
     drawn, recordings = sample(ranges, len(skill), rng), []
     for first in range(0, len(skill), MAX_SIMULATIONS):
         part = slice(first, first + MAX_SIMULATIONS)
-        env = make(recipe.task, len(skill[part]), threads, delay="latency" in ranges)
-        env.perturb({name: values[part] for name, values in drawn.items()}, rng)
-        env.reset(np.arange(env.num), skill[part])
+        env = stand(recipe.task, skill[part], {name: values[part] for name, values in drawn.items()}, rng, threads)
         latent, fed = (np.repeat(each[part][:, None], env.horizon, axis=1) for each in (mean[skill], skill))
         recordings.append(play(env, agent.act, latent, fed)[0])
     recording = Trajectories.join(recordings)

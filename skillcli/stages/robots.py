@@ -9,7 +9,7 @@ import numpy as np
 from skillcli import perturbation
 from skillcli.envs.domains import find_domain
 from skillcli.envs.environment import Environment
-from skillcli.envs.tasks import make
+from skillcli.envs.tasks import stand
 from skillcli.recipe import Compose
 from skillcli.recipe import Task as TaskRecipe
 from skillcli.seeding import generator
@@ -52,16 +52,8 @@ class Robots:
         }
         return Robots(whole, count, seed)
 
-    @property
-    def first(self) -> Robots:
-        """The first of them alone, which judges plans."""
-        return Robots(self.parameters, 1, self.seed)
-
     def simulations(self, task: TaskRecipe, slots: int) -> Environment:
         """Each robot in every slot, at the start; simulation i is robot i modulo M."""
-        env = make(task, slots * self.count, delay="latency" in self.parameters)
-        if self.parameters:
-            which = np.arange(env.num) % self.count
-            env.perturb({name: values[which] for name, values in self.parameters.items()}, generator(self.seed, "sensors"))
-        env.reset(np.arange(env.num), np.zeros(env.num, dtype=np.int64))
-        return env
+        which = np.arange(slots * self.count) % self.count
+        parameters = {name: values[which] for name, values in self.parameters.items()}
+        return stand(task, np.zeros(len(which), dtype=np.int64), parameters, generator(self.seed, "sensors"))

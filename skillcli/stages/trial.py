@@ -10,7 +10,7 @@ import numpy as np
 from skillcli.envs.domains import Domain
 from skillcli.envs.environment import Environment
 from skillcli.envs.robot import Robot
-from skillcli.envs.tasks import MAX_SIMULATIONS, make
+from skillcli.envs.tasks import MAX_SIMULATIONS, make, stand
 from skillcli.learning.playback import play, play_waypoints
 from skillcli.perturbation import sample
 from skillcli.recipe import PointTask
@@ -99,22 +99,18 @@ class Trial:
         for first in range(0, episodes, MAX_SIMULATIONS):
             part = slice(first, min(first + MAX_SIMULATIONS, episodes))
             parameters = {name: values[part] for name, values in target.parameters.items()}
-            recordings.append(play_part(self._robots(parameters, part.stop - first, sensors), part))
+            skill = np.zeros(part.stop - first, dtype=np.int64)
+            recordings.append(play_part(stand(self.library.recipe.task, skill, parameters, sensors, robot=self.robot), part))
         return Trajectories.join(recordings)
-
-    def _robots(self, parameters: dict[str, Array], count: int, sensors: np.random.Generator) -> Environment:
-        """Simulations at the start, one of each drawn robot."""
-        env = make(self.library.recipe.task, count, delay="latency" in parameters, robot=self.robot)
-        if parameters:
-            env.perturb(parameters, sensors)
-        env.reset(np.arange(count), np.zeros(count, dtype=np.int64))
-        return env
 
     def _replan(self, replanner: Replanner, script: Script, target: Target, told: Callable[[int, int], None]) -> Trajectories:
         steps, recordings = replanner.leg.steps(replanner.leg.recipe.transfer.replan_seconds), []
+        env = make(self.library.recipe.task, 1, delay="latency" in target.parameters, robot=self.robot)
         for episode, waypoints in enumerate(script.waypoints):
             told(episode, script.episodes)
-            one = {name: values[episode : episode + 1] for name, values in target.parameters.items()}
-            env = self._robots(one, 1, generator(self.seed, f"sensors {target.name} {episode}"))
+            if target.parameters:
+                one = {name: values[episode : episode + 1] for name, values in target.parameters.items()}
+                env.perturb(one, generator(self.seed, f"sensors {target.name} {episode}"))
+            env.reset(np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64))
             recordings.append(replanner.episode(env, waypoints, steps * len(waypoints), self.seed))
         return Trajectories.join(recordings)
