@@ -133,7 +133,12 @@ class Range(BaseModel):
         return np.exp(logarithm)
 
     def quantile(self, share: Array) -> Array:
-        """The values below which these shares, in [0, 1), of all draws lie; of a choice, that share of the list."""
+        """The values below which these shares, in [0, 1), of all draws lie; of a choice, that share of the list.
+
+        Fixed values lie along the last axis, whatever the shares.
+        """
+        if self.kind == "fixed":
+            return np.broadcast_to(np.array(self.values), share.shape).copy()
         if self.kind == "one_of":
             chosen: Array = np.array(self.values)[(share * len(self.values)).astype(int)]
             return chosen

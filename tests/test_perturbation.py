@@ -165,6 +165,12 @@ def test_filling_takes_one_value_out_of_each_equal_share(values: Range) -> None:
     assert len(np.unique(drawn.argsort(axis=0), axis=1).T) > 1, "joints are filled in orders of their own"
 
 
+def test_fixed_values_fill_nothing() -> None:
+    tilt = Range(kind="fixed", values=(0.0, -0.1))
+    assert fill({"table_tilt": tilt}, 3, rng())["table_tilt"].tolist() == [[0.0, -0.1]] * 3
+    assert fill({"latency": Range(kind="fixed", values=(0.05,))}, 3, rng())["latency"].tolist() == [0.05] * 3
+
+
 def test_quantiles_run_from_the_lowest_to_the_highest_value() -> None:
     share = np.array([0.0, 0.5, 1.0])
     np.testing.assert_allclose(uniform(2, 6).quantile(share), [2, 4, 6])

@@ -10,7 +10,10 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from skillcli.envs import table
+from skillcli.envs import (
+    quiet,  # noqa: F401
+    table,
+)
 from skillcli.envs.sawyer import GRIPPER, LIMIT_MARGIN, NAMES, Names
 
 Array = NDArray[Any]
@@ -18,11 +21,6 @@ Array = NDArray[Any]
 _NEW_STATE = int(mujoco.mjtStage.mjSTAGE_VEL)
 
 OBJECT = "box"
-
-# An unstable simulation is a failed episode, and no reason to leave MUJOCO_LOG.TXT in the user's folder.
-_log = mujoco.MjLogConfig.get()
-_log.logto_console = _log.logto_file = False
-_log.set()
 
 # A simulation beyond these is unstable: whole turns of a joint or hundreds of metres, and speeds of another world.
 _FARTHEST, _FASTEST = 100.0, 1000.0

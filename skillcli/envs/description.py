@@ -16,6 +16,7 @@ from skillcli.section import Section, value
 
 Quaternion = tuple[float, float, float, float]
 SEVEN = 7
+SHORTEST_TIMESTEP = 1e-4  # s
 _EXAMPLE = "docs/robots.md has an example"
 _LENGTHS = {"pos": "three", "quat": "four"}
 
@@ -74,10 +75,12 @@ class Description(Section):
     gains: Gains | None = value(None, "position control, where the model has torque motors or no actuators", "")
     actuators: tuple[str, ...] | None = value(None, "the actuator of each joint, where a joint has several", "")
     gravity_compensation: bool | None = value(
-        None, "whether the controller carries the arm; by default yes with `gains`, else as the model says"
+        None, "whether the controller carries the arm; by default yes with `gains`, else as the model says", strict=True
     )
     start: Joints | None = value(None, "joint vector at reset; by default the task's", "rad")
-    timestep: float | None = value(None, "of the physics; by default the model's own", "s", gt=0, le=0.02)
+    timestep: float | None = value(
+        None, "of the physics; by default the model's own", "s", ge=SHORTEST_TIMESTEP, le=0.02, strict=True
+    )
     base: Frame = Frame()
 
     @model_validator(mode="after")
@@ -127,9 +130,15 @@ def _explain(error: ValidationError) -> tuple[str, str]:
     key = ".".join(where)
     if first["type"] == "extra_forbidden":
         return f"unknown key {key!r}", f"keys here: {', '.join(_keys(where[:-1]))}"
-    if where and (where[-1].isdigit() or first["type"] == "too_long"):  # a list of joints or coordinates
-        name = ".".join(part for part in where if not part.isdigit())
-        return f"{name}: expected {_LENGTHS.get(where[-2] if where[-1].isdigit() else where[-1], 'seven')} numbers", _EXAMPLE
+    item = bool(where) and where[-1].isdigit()  # of a list of joints, coordinates or names
+    if first["type"] == "too_long" or (item and first["type"] == "missing"):
+        name = where[-2] if item else where[-1]
+        key = ".".join(part for part in where if not part.isdigit())
+        return f"{key}: expected {_LENGTHS.get(name, 'seven')} numbers", _EXAMPLE
+    if item:
+        what = "a name in quotes" if first["type"] == "string_type" else "a finite number"
+        number = int(where[-1]) + 1
+        return f"{'.'.join(where[:-1])}: expected {what}, entry {number} is {first.get('input')!r}", _EXAMPLE
     if first["type"] == "missing":
         return f"{key!r} is missing", _EXAMPLE
     got = first.get("input")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -49,16 +49,17 @@ def build(path: Path, description: Description) -> tuple[mujoco.MjSpec, sawyer.N
         raise UsageError("model: nothing is left of the arm that can touch anything", f"{missing[0]}; put the files there")
     servos, replaced = find_servos(model, description.joints, description.actuators, description.gains)
     holder, pos, quat = _gripper_frame(child, model, description)
-    geoms = None if description.finger is None else _finger_geoms(child, description.finger)
+    geoms = None if description.finger is None else _finger_geoms(child, description)
     for index in sorted(replaced, reverse=True):
         child.delete(child.actuators[index])
+    weightless = _weigh(child)
     _compensate(child, description)
     scene = _mount(child, description, servos)
     _put_finger(scene.body(PREFIX + holder), pos, quat, own=geoms is not None, default=scene.default)
     finger = sawyer.NAMES.finger if geoms is None else tuple(PREFIX + name for name in geoms)
     names = sawyer.Names(tuple(PREFIX + name for name in description.joints), sawyer.NAMES.servos, finger)
     weighed = ["settotalmass is not applied: the masses are those of the links"] if child.compiler.settotalmass > 0 else []
-    return scene, names, servos, missing + locked + weighed
+    return scene, names, servos, missing + locked + weighed + weightless
 
 
 def _gripper_frame(
@@ -91,10 +92,11 @@ def _place_on_body(spec: mujoco.MjSpec, model: mujoco.MjModel, gripper: Gripper)
     return found.parent.name, site.pos.tolist(), site.quat.tolist()
 
 
-def _finger_geoms(spec: mujoco.MjSpec, names: Sequence[str]) -> list[str]:
+def _finger_geoms(spec: mujoco.MjSpec, description: Description) -> list[str]:
     """Names of the geoms that push, made able to touch."""
     geoms = []
-    for name in names:
+    hand = spec.joint(description.joints[-1]).parent.name
+    for name in description.finger or ():
         body, geom = spec.body(name), spec.geom(name)
         if geom is None and body is None:
             known = ", ".join(geom.name for geom in spec.geoms if geom.name)
@@ -102,11 +104,32 @@ def _finger_geoms(spec: mujoco.MjSpec, names: Sequence[str]) -> list[str]:
         found = [geom] if geom is not None else [part for part in body.geoms if part.contype or part.conaffinity]
         if not found:
             raise UsageError(f"finger: body {name!r} has no geom that can touch", "name geoms, or leave `finger` out for ours")
+        if hand not in [carrier.name for carrier in upwards(found[0].parent)]:
+            raise UsageError(
+                f"finger: {name!r} does not move with {description.joints[-1]!r}", "what pushes must hang on the last joint"
+            )
         geoms += found
-    for index, geom in enumerate(geoms):
-        geom.name = geom.name or f"finger{index}"
+    taken = {geom.name for geom in spec.geoms}
+    free = (name for name in (f"finger{index}" for index in count()) if name not in taken)
+    for geom in geoms:
+        geom.name = geom.name or next(free)
         geom.contype, geom.conaffinity = geom.contype | 1, geom.conaffinity | 1
     return [geom.name for geom in geoms]
+
+
+def _weigh(spec: mujoco.MjSpec) -> list[str]:
+    """Give a model without gravity ours, and let its arm not feel it, as it did not before; returns a note of that.
+
+    A box would not lie on the table otherwise, and friction would not act.
+    """
+    off = mujoco.mjtDisableBit.mjDSBL_GRAVITY
+    if not int(spec.option.disableflags) & int(off) and np.any(spec.option.gravity):
+        return []
+    spec.option.disableflags = int(spec.option.disableflags) & ~int(off)
+    spec.option.gravity = mujoco.MjSpec().option.gravity
+    for body in spec.bodies[1:]:
+        body.gravcomp = 1.0
+    return ["the model has no gravity: ours acts on what lies on the table, and the arm is carried"]
 
 
 def _compensate(spec: mujoco.MjSpec, description: Description) -> None:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import mujoco
 
+from skillcli.envs import quiet  # noqa: F401
 from skillcli.errors import UsageError
 
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
@@ -35,6 +37,14 @@ def read_mjcf(path: Path) -> mujoco.MjSpec:
     return spec
 
 
+@contextmanager
+def quietly() -> Iterator[None]:
+    """Without MuJoCo's warnings: of notation that will go out of use, and of memory that two models ask for differently."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        yield
+
+
 def _line(error: Exception) -> str:
     return " ".join(str(error).split())
 
@@ -46,8 +56,7 @@ def compile_model(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
         UsageError: MuJoCo refuses it.
     """
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # of notation that will go out of use
+        with quietly():
             return spec.compile()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise UsageError(
@@ -62,6 +71,8 @@ def drop_missing_files(spec: mujoco.MjSpec, path: Path) -> list[str]:
         spec.delete(element)
     for material in spec.materials:
         material.textures = [""] * len(material.textures)
+    if _all_there(spec):
+        return []
     gone: dict[str, set[str]] = {"mesh": set(), "hfield": set()}
     for kind, assets in (("mesh", spec.meshes), ("hfield", spec.hfields)):
         for asset in list(assets):
@@ -72,9 +83,28 @@ def drop_missing_files(spec: mujoco.MjSpec, path: Path) -> list[str]:
     touching = sum(bool(geom.contype or geom.conaffinity) for geom in dropped)
     for geom in dropped:
         spec.delete(geom)
+    _drop_pairs(spec)
     if not gone["mesh"]:
         return []
     return [f"{len(gone['mesh'])} mesh files are missing: {len(dropped)} geoms left out, {touching} of them could touch"]
+
+
+def _all_there(spec: mujoco.MjSpec) -> bool:
+    """Whether MuJoCo finds all files: it alone knows where those of an attached model lie."""
+    try:
+        with quietly():
+            spec.copy().compile()
+    except (ValueError, RuntimeError, mujoco.FatalError) as error:
+        return "opening" not in str(error) and "file" not in str(error)
+    return True
+
+
+def _drop_pairs(spec: mujoco.MjSpec) -> None:
+    """Contact pairs of geoms that are gone: MuJoCo takes all else that refers to a geom along, but not these."""
+    left = {geom.name for geom in spec.geoms}
+    for pair in list(spec.pairs):
+        if not {pair.geomname1, pair.geomname2} <= left:
+            spec.delete(pair)
 
 
 def _asset_file(spec: mujoco.MjSpec, asset: Any, path: Path) -> Path:
@@ -116,6 +146,7 @@ def drop_scene(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
     for body in list(spec.worldbody.bodies):
         if body.name != root.name:
             spec.delete(body)
+    _drop_pairs(spec)
     for body in spec.bodies:
         if not any(part.joints for part in upwards(body)):
             for geom in body.geoms:

@@ -14,9 +14,9 @@ import mujoco
 import numpy as np
 
 from skillcli.envs import foreign, sawyer
-from skillcli.envs.description import Description, blaming, read_description
+from skillcli.envs.description import SHORTEST_TIMESTEP, Description, blaming, read_description
 from skillcli.envs.environment import Array
-from skillcli.envs.mjcf import compile_model
+from skillcli.envs.mjcf import compile_model, quietly
 from skillcli.envs.servos import Servo
 from skillcli.errors import UsageError
 from skillcli.recipe import ArmTask, PushTask, ReachTask
@@ -101,9 +101,10 @@ def load_robot(path: Path) -> Robot:
     Raises:
         UsageError: file or model cannot be read, or do not fit; says which key, and what to do.
     """
-    with blaming(path):
+    with blaming(path), quietly():
         description = read_description(path)
         scene, names, servos, notes = foreign.build(path.parent / description.model, description)
+        _check_timestep(description, scene.option.timestep)
         sawyer.set_clock(scene, description.timestep or scene.option.timestep, delay=False)
         model = compile_model(scene, Path(description.model))
         if _shakes(model, names, servos):
@@ -126,6 +127,14 @@ def load_robot(path: Path) -> Robot:
         scene=scene,
         model=model,
     )
+
+
+def _check_timestep(description: Description, own: float) -> None:
+    if description.timestep is None and own < SHORTEST_TIMESTEP:
+        raise UsageError(
+            f"timestep: the model's own, {own:g} s, would take {1 / own:.0f} steps a second",
+            "give `timestep`, for example 0.002",
+        )
 
 
 def _integrator(model: mujoco.MjModel) -> str:

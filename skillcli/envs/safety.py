@@ -34,9 +34,9 @@ class Clearance:
         self._half = model.geom_size[self._table].copy()
         geoms = [geom for geom in range(model.ngeom) if _is_arm(model, geom)]
         covers = [_cover(model, geom) for geom in geoms]
-        self._points = np.concatenate([points for points, _ in covers])
-        self._radii = np.concatenate([np.full(len(points), radius) for points, radius in covers])
-        self._owners = np.repeat(geoms, [len(points) for points, _ in covers])
+        self._points = np.concatenate([np.zeros((0, 3)), *(points for points, _ in covers)])
+        self._radii = np.concatenate([np.zeros(0), *(np.full(len(points), radius) for points, radius in covers)])
+        self._owners = np.repeat(np.array(geoms, dtype=int), [len(points) for points, _ in covers])
 
     def depth(self, position: Array, rotation: Array) -> Array:
         """How far the deepest part is below the table top, within the table's rectangle, (N,) m; 0 where none is.
@@ -50,7 +50,7 @@ class Clearance:
         on_table = np.einsum("npi,nij->npj", each - position[:, self._table, None], frame[:, self._table])
         over = (np.abs(on_table[..., :2]) <= self._half[:2]).all(axis=2)
         below: Array = self._half[2] - (on_table[..., 2] - self._radii)
-        deepest: Array = np.where(over, below, 0.0).max(axis=1).clip(min=0.0)
+        deepest: Array = np.where(over, below, 0.0).max(axis=1, initial=0.0)
         return deepest
 
 

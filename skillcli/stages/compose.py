@@ -14,7 +14,7 @@ from skillcli.envs.tasks import model_fingerprint
 from skillcli.errors import UsageError
 from skillcli.learning.playback import play_waypoints
 from skillcli.recipe import Recipe
-from skillcli.stages.library import TRAINED, Library, fingerprint, open_library
+from skillcli.stages.library import Library, check_untouched, fingerprint, open_library
 from skillcli.stages.limits import breaks
 from skillcli.stages.planning import METHODS, Leg, Planned
 from skillcli.stages.pretrain import play_held
@@ -107,11 +107,7 @@ def compose(
     store.check_writable(name or source_id.name)
     source = store.read(source_id)
     library = open_library(store, source)
-    if recipe.fingerprint(TRAINED) != library.recipe.fingerprint(TRAINED):
-        raise UsageError(
-            f"the skills of {source_id} were trained on another recipe than the one to compose with",
-            f"only {', '.join(f'{section}.*' for section in METHODS)} and compose.* can be set here; else train anew",
-        )
+    check_untouched(library, recipe, f"{', '.join(f'{section}.*' for section in METHODS)} and compose.*")
     started = time.perf_counter()
     by_hand = request.entries or ((),) * len(request.routes)
     legs = [

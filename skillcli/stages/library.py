@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from skillcli.errors import StoreError
+from skillcli.errors import StoreError, UsageError
 from skillcli.learning.agent import Agent
 from skillcli.recipe import Recipe, resolve
 from skillcli.store import Artifact, ArtifactId, Store
@@ -41,6 +41,19 @@ class Library:
     def names(self) -> tuple[str, ...]:
         """Names of the skills, as in the recipe."""
         return skill_names(self.recipe)
+
+
+def check_untouched(library: Library, recipe: Recipe, settable: str) -> None:
+    """Refuse a recipe that other skills than these would come of.
+
+    Raises:
+        UsageError: it differs from the library's where a training depends on it.
+    """
+    if recipe.fingerprint(TRAINED) != library.recipe.fingerprint(TRAINED):
+        raise UsageError(
+            f"the skills of {library.source.id} were trained on another recipe than the one given now",
+            f"only {settable} can be set here; else train anew",
+        )
 
 
 def skill_names(recipe: Recipe) -> tuple[str, ...]:

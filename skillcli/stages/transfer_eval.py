@@ -13,7 +13,7 @@ from skillcli.envs.robot import Robot
 from skillcli.envs.tasks import model_fingerprint
 from skillcli.errors import UsageError
 from skillcli.recipe import Recipe
-from skillcli.stages.library import Library, fingerprint, open_library
+from skillcli.stages.library import Library, check_untouched, fingerprint, open_library
 from skillcli.stages.planning import Leg
 from skillcli.stages.progress import Progress, Report, silent
 from skillcli.stages.replanning import REPLANS, Replanner
@@ -74,14 +74,15 @@ def transfer_eval(
         sensitivity: whether to run every domain again with each of its parameters alone.
 
     Raises:
-        UsageError: a domain is unknown, two have the same name, the robot does not fit the task, or the source holds no plan
-            that could be made again.
+        UsageError: a domain is unknown, two have the same name, the recipe asks for other skills than the source holds, the
+            robot does not fit the task, or the source holds no plan that could be made again.
         StoreError: the source cannot be read, or the store refuses.
     """
     targets = [Target.drawn(domain, episodes, seed) for domain in find_domains(domains)]
     store.check_writable(name or source_id.name)
     source = store.read(source_id)
     library = open_library(store, source)
+    check_untouched(library, recipe, f"transfer.*, compose.* and, with --replan, {', '.join(f'{one}.*' for one in REPLANS)}")
     replanner = _replanner(library, recipe, source, seed) if recipe.transfer.replan else None
     trial, once = Trial(library, seed, robot, replanner), Script.of(source, library)
     trial.check()

@@ -117,8 +117,8 @@ def goals(axes: Axes, scene: Scene, plane: Plane) -> None:
 
 
 def waypoints(axes: Axes, scene: Scene, plane: Plane) -> None:
-    """What had to be reached, with its tolerance, numbered in order; without waypoints the target."""
-    spots = scene.waypoints if len(scene.waypoints) else np.unique(scene.trajectories.target, axis=0)
+    """What had to be reached, with its tolerance, numbered in order; without waypoints the goals, numbered as skills."""
+    spots = scene.waypoints if len(scene.waypoints) else scene.goals
     for members in coincident(spots[:, plane], scene.tolerance / 2):
         spot = spots[members[0], list(plane)]
         axes.add_patch(Circle(tuple(spot), scene.tolerance, fc=TARGET, ec="none", alpha=0.1, zorder=1))
@@ -201,7 +201,7 @@ def latents(axes: Axes, scene: Scene, plane: Plane, route: int | None = None) ->
         plane: the two components; one that the latent does not have is zero.
         route: the episode whose latents are joined by a line.
     """
-    means, stds = _components(scene.means, plane), _components(scene.stds, plane)
+    means, stds = components(scene.means, plane), components(scene.stds, plane)
     for members in coincident(means, float(stds.mean()) if len(stds) else 0.0):
         spot, text = means[members[0]], ", ".join(str(skill + 1) for skill in members)
         axes.annotate(text, (spot[0], spot[1]), xytext=(6, 6), textcoords="offset points", zorder=6, bbox=_HALO)
@@ -213,7 +213,7 @@ def latents(axes: Axes, scene: Scene, plane: Plane, route: int | None = None) ->
         axes.add_patch(Ellipse(tuple(mean), *(2 * std), fill=False, ec=style.color, ls=style.dash, lw=0.9, zorder=2))
         axes.plot(*mean, color=style.color, marker=style.marker, ms=4, zorder=4)
     if route is not None:
-        fed = _components(scene.trajectories.latent[route, : int(scene.trajectories.length[route])], plane)
+        fed = components(scene.trajectories.latent[route, : int(scene.trajectories.length[route])], plane)
         axes.plot(*fed.T, color=TARGET, lw=0.9, marker=".", ms=3, zorder=3)
     axes.margins(0.12)
     axes.autoscale_view()
@@ -224,6 +224,6 @@ def latents(axes: Axes, scene: Scene, plane: Plane, route: int | None = None) ->
     axes.set_title(f"latent space ({what})" if route is None else "the plan in latent space")
 
 
-def _components(latent: Array, plane: Plane) -> Array:
+def components(latent: Array, plane: Plane) -> Array:
     """Two components of latents, (n, d) → (n, 2)."""
     return np.stack([latent[:, i] if i < latent.shape[-1] else np.zeros(len(latent)) for i in plane], axis=-1)

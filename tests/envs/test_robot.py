@@ -338,6 +338,12 @@ REFUSED = [
     (TORQUE.replace("kp =", "ki ="), MODEL, "'gains.kp' is missing|unknown key 'gains.ki'", ""),
     ('finger = ["thumb"]\n' + TORQUE, MODEL, "neither a geom nor a body 'thumb'", "geoms there"),
     ('actuators = ["a", "b", "c", "d", "e", "f", "g"]\n' + TORQUE, MODEL, "no actuator 'a'", "base_yaw_torque"),
+    ('finger = ["turret"]\n' + TORQUE, MODEL, "finger: 'turret' does not move with 'hand_roll'", "last joint"),
+    ("finger = [1]\n" + TORQUE, MODEL, "finger: expected a name in quotes, entry 1 is 1", "robots.md"),
+    (TORQUE.replace("kp = [900", "kp = [inf"), MODEL, "gains.kp: expected a finite number, entry 1 is inf", "robots.md"),
+    ('gravity_compensation = "no"\n' + TORQUE, MODEL, "gravity_compensation: .* boolean, got 'no'", "robots.md"),
+    ("timestep = 1e-6\n" + TORQUE, MODEL, "timestep: .* greater than or equal to 0.0001", "robots.md"),
+    (TORQUE, MODEL.replace('"0.002"', '"0.00002"'), "timestep: the model's own, 2e-05 s, .* 50000 steps", "0.002"),
     ("timestep = 0.1\n" + TORQUE, MODEL, "timestep: .* less than or equal to 0.02", "robots.md"),
     ("joints =", MODEL, "cannot be read", "TOML"),
 ]
@@ -404,3 +410,56 @@ def test_meshes_that_are_there_are_used_from_the_folder_of_the_model(tmp_path: P
         assert np.isfinite(env_on(robot).step(np.ones((2, 7))).observation).all()
         prints.append(robot.fingerprint)
     assert prints[0] != prints[1], "what the file holds counts"
+
+
+def test_meshes_of_an_attached_model_lie_where_that_model_says(tmp_path: Path) -> None:
+    hand = (
+        '<mujoco><compiler meshdir="assets"/><asset><mesh name="palm" file="palm.obj"/></asset>'
+        '<worldbody><body name="palm"><geom type="mesh" mesh="palm" mass="0.1"/></body></worldbody></mujoco>'
+    )
+    (tmp_path / "hand" / "assets").mkdir(parents=True)
+    (tmp_path / "hand" / "hand.xml").write_text(hand, encoding="utf-8")
+    (tmp_path / "hand" / "assets" / "palm.obj").write_text(tetrahedron(0.05), encoding="utf-8")
+    model = MODEL.replace("<worldbody>", '<asset><model name="h" file="hand/hand.xml"/></asset><worldbody>')
+    model = model.replace('<site name="mount"', '<attach model="h" body="palm" prefix="h_"/><site name="mount"')
+    robot = load_robot(described(tmp_path, TORQUE, model))
+    assert robot.model.nmesh == 1 and not any("missing" in note for note in robot.notes)
+
+
+def test_contact_pairs_of_what_is_left_behind_go_along(tmp_path: Path) -> None:
+    model = MODEL.replace("<worldbody>", '<worldbody><geom name="floor" type="plane" size="1 1 .1"/>')
+    model = model.replace('<geom type="cylinder" size="0.045 0.02"/>', '<geom name="pad" type="cylinder" size="0.045 0.02"/>')
+    model = model.replace("<contact>", '<contact><pair geom1="floor" geom2="pad"/>')
+    assert load_robot(described(tmp_path, TORQUE, model)).model.npair == 0
+
+
+@pytest.mark.parametrize("option", ['<flag gravity="disable"/>', None])
+def test_a_box_has_its_weight_beside_an_arm_without_gravity(option: str | None, tmp_path: Path) -> None:
+    start = '<option timestep="0.002"'
+    model = MODEL.replace(start, start + ' gravity="0 0 0"')
+    if option:
+        model = re.sub("(<option [^>]*)/>", rf"\1>{option}</option>", MODEL)
+    robot = load_robot(described(tmp_path, TORQUE.replace("[gripper]", "gravity_compensation = true\n[gripper]"), model))
+    assert any("no gravity" in note for note in robot.notes)
+    env = env_on(robot, PUSH)
+    before = env.arms.object_pose.copy()
+    env.arms.batch.bind("qvel")[:, -6] = 0.3
+    for _ in range(20):
+        step = env.step(np.zeros((2, 7)))
+    moved = env.arms.object_pose - before
+    assert (moved[:, 2] < -5e-4).all() and (moved[:, 2] > -2e-3).all(), "it lies on the table, and weighs on it"
+    assert (np.abs(moved[:, 0]) > 1e-3).all() and (np.abs(moved[:, 0]) < 0.05).all(), "friction has stopped it"
+    assert not step.terminated.any() and np.abs(env.arms.object_velocity).max() < 0.01
+
+
+def test_a_finger_without_a_name_gets_one_that_is_free(tmp_path: Path) -> None:
+    both = '<geom type="cylinder" size="0.045 0.02"/><geom name="finger0" size="0.01" fromto="0 0 0 0 0 0.15"/>'
+    model = MODEL.replace('<geom type="cylinder" size="0.045 0.02"/>', both)
+    robot = load_robot(described(tmp_path, 'finger = ["hand"]\n' + TORQUE, model))
+    assert len(set(robot.names.finger)) == 2
+
+
+def test_an_arm_that_touches_nothing_breaks_no_limit(tmp_path: Path) -> None:
+    model = MODEL.replace('<geom type="capsule"/>', '<geom type="capsule" contype="0" conaffinity="0"/>')
+    env = env_on(load_robot(described(tmp_path, "finger = []\n" + TORQUE, model)))
+    assert not env.violations().any()

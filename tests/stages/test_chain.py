@@ -21,6 +21,7 @@ from skillcli.stages.library import open_library
 from skillcli.stages.pretrain import evaluate
 from skillcli.stages.robots import Robots
 from skillcli.stages.script import Script
+from skillcli.stages.transfer_eval import transfer_eval
 from skillcli.stages.trial import NOMINAL, Target, Trial
 from skillcli.store import STAGES, Artifact, ArtifactId, Store
 from skillcli.trajectories import Trajectories
@@ -238,3 +239,6 @@ def test_skills_can_only_be_composed_on_the_recipe_they_were_trained_on(chain: P
     other = resolve(source.recipe, ["task.action_limit=0.1"])
     with pytest.raises(UsageError, match="trained on another recipe"):
         compose(store, source.id, other, Request.of(other, "triangle", ()), "search", "test")
+    with pytest.raises(UsageError, match="trained on another recipe") as caught:
+        transfer_eval(store, source.id, other, ["nominal"], 2, 0, "test")
+    assert "transfer.*" in caught.value.hint

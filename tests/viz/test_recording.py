@@ -173,6 +173,18 @@ def test_the_source_moves_as_planned_while_the_target_does_not(tmp_path: Path) -
     assert np.abs(source[rows - 1] - target[rows - 1]).max() > 0.01, "the worst episode comes first"
 
 
+def test_a_source_that_has_less_time_than_the_target_is_shown_to_the_end(tmp_path: Path) -> None:
+    scene = scenes.make("transfer-eval", "reach")
+    assert scene.source is not None
+    short = {name: values[:, :6] for name, values in scene.source.arrays().items() if name not in ("time", "target", "success")
+             and values.ndim > 1 and values.shape[1] == len(scene.source.time)}  # fmt: skip
+    cut = replace(scene.source, time=scene.source.time[:6], length=np.array([5]), **short)
+    record(replace(scene, source=cut), tmp_path / "scene.rrd")
+    found = (column(tmp_path / "scene.rrd", f"/{root}/model/lower", "Transform3D:quaternion") for root in ("source", "world"))
+    source, target = (len(rows) for rows in found)
+    assert source == target > 6
+
+
 def test_a_source_that_ends_early_rests_until_the_target_ends() -> None:
     scene = scenes.make("compose", "point")
     short = replace(scene, trajectories=replace(scene.trajectories, length=np.array([3])))

@@ -100,6 +100,7 @@ def _skill_paths(material: Material) -> Plan | None:
 
 def _reach_compositions(material: Material) -> Plan | None:
     composed = material.find("compose", "reach")
+    composed = [one for one in composed if one.name == composed[0].name]  # of one library: skills are told by number
     chain = [one for one in composed if one.value("results", "task") == "u-shape"][:1]
     points = [one for one in composed if len(one.scene.waypoints) == 1]
     learned = [one for one in points if one.value("results", "method") == "ddpg"]
@@ -215,7 +216,8 @@ def _curves(material: Material) -> Plan | None:
 
 
 def _distances(material: Material) -> Plan | None:
-    used = sorted(material.find("embed-means")[: learning.MAX_LIBRARIES], key=lambda one: one.name)
+    several = material.find("embed-means", where=lambda one: len(one.scene.skills) > 1)
+    used = sorted(several[: learning.MAX_LIBRARIES], key=lambda one: one.name)
     if not used:
         return None
     found = [one.value("results", "latent_goal_correlation") for one in used]
@@ -233,8 +235,14 @@ def _success(material: Material) -> Plan | None:
     used, titles = _transfers(material)
     if not used:
         return None
+    replanned = [title.split("\n")[0] for one, title in zip(used, titles, strict=True) if one.value("results", "replanned")]
+    how = (
+        f"made again on the way ({', '.join(dict.fromkeys(replanned))}) or sent as they were made"
+        if replanned
+        else ("sent as they were made")
+    )
     caption = (
-        "Share of episodes that succeed on each domain, bar: Wilson's 95 % interval. Plans are sent as they were made, "
+        f"Share of episodes that succeed on each domain, bar: Wilson's 95 % interval. Plans are {how}, "
         "robots drawn anew for every episode. The paper reports no rates; of composed pushes it says “not able to "
         "reliably transfer”."
     )

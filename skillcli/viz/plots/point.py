@@ -41,14 +41,14 @@ def latents_and_paths(scene: Scene) -> Figure:
 
 def _density(axes: Axes, scene: Scene, skill: int) -> None:
     """One skill's Gaussian close up: one and two standard deviations, and the latents that were drawn from it."""
-    style, mean, std = look(skill), scene.means[skill, :2], scene.stds[skill, :2]
+    style, mean, std = look(skill), *panels_space.components(np.stack([scene.means[skill], scene.stds[skill]]), (0, 1))
     for scale, alpha in ((2, 0.15), (1, 0.3)):
         axes.add_patch(Ellipse((0.0, 0.0), *(2 * scale * std), fc=style.color, ec=style.color, ls=style.dash, alpha=alpha))
     at_mean = motion.mean_episodes(scene).get(skill)
     for episode in range(scene.trajectories.episodes):
         if episode != at_mean and motion.episode_skill(scene, episode) == skill:
-            drawn = scene.trajectories.latent[episode, 0, :2] - mean
-            axes.plot(*drawn, color="black", marker=".", ms=3, ls="none")
+            (drawn,) = panels_space.components(scene.trajectories.latent[episode, :1], (0, 1))
+            axes.plot(*(drawn - mean), color="black", marker=".", ms=3, ls="none")
     reach = HALF_WIDTH * float(np.max(scene.stds[:, :2]))
     tick = float(f"{reach / 2:.1g}")
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", yticks=[])

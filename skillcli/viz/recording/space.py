@@ -124,7 +124,8 @@ def log_model(stream: rr.RecordingStream, scene: Scene, clocks: list[Clock]) -> 
         for clock in clocks:
             episode = clock.episode if played is scene else int(scene.episode_source[clock.episode])
             rows = rest_after(np.arange(int(scene.trajectories.length[clock.episode]) + 1), played, episode)
-            _log_poses(stream, played, root, episode, rows, clock, list(visible))
+            # the clock is the target's throughout: replanned episodes go on for longer than the source has time for
+            _log_poses(stream, played, root, episode, rows, clock, scene.trajectories.time, list(visible))
 
 
 def rest_after(rows: Array, scene: Scene, episode: int) -> Array:
@@ -134,9 +135,9 @@ def rest_after(rows: Array, scene: Scene, episode: int) -> Array:
 
 
 def _log_poses(
-    stream: rr.RecordingStream, scene: Scene, root: str, episode: int, rows: Array, clock: Clock, bodies: list[int]
+    stream: rr.RecordingStream, scene: Scene, root: str, episode: int, rows: Array, clock: Clock, time: Array, bodies: list[int]
 ) -> None:
-    """Poses of the bodies in these rows of an episode, on the first rows of the clock."""
+    """Poses of the bodies in these rows of an episode, on the first rows of the clock, whose `time` is (T+1,) s."""
     data = scene.trajectories
     assert data.joint_position is not None  # the caller has looked
     box = None if data.object_pose is None else data.object_pose[episode, rows]
@@ -145,7 +146,7 @@ def _log_poses(
         entity = _body_entity(scene, root, body)
         if kinematics.moves(scene.model, body):
             columns = rr.Transform3D.columns(translation=positions[:, body], quaternion=quaternions[:, body])
-            stream.send_columns(entity, clock.columns(data.time, slice(0, len(rows))), columns)
+            stream.send_columns(entity, clock.columns(time, slice(0, len(rows))), columns)
         elif clock.first_step == 0:
             pose = rr.Transform3D(translation=positions[0, body], quaternion=rr.Quaternion(xyzw=quaternions[0, body]))
             stream.log(entity, pose, static=True)

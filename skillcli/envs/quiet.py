@@ -1,0 +1,9 @@
+"""MuJoCo's own log, switched off for the process: what matters reaches the user in one line of ours."""
+
+import mujoco
+
+# An unstable simulation is a failed episode, and an option that two models disagree on is settled here: neither is a reason to
+# leave MUJOCO_LOG.TXT in the user's folder.
+_log = mujoco.MjLogConfig.get()
+_log.logto_console = _log.logto_file = False
+_log.set()
