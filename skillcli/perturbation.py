@@ -157,21 +157,6 @@ class Range(BaseModel):
         return " or ".join(f"{value:g}" for value in self.values)
 
 
-def uniform(low: float, high: float) -> Range:
-    """Equally likely between low and high."""
-    return Range(kind="uniform", values=(low, high))
-
-
-def log_uniform(low: float, high: float) -> Range:
-    """Equally likely per octave between low and high, both positive."""
-    return Range(kind="log_uniform", values=(low, high))
-
-
-def one_of(*values: float) -> Range:
-    """One of these values."""
-    return Range(kind="one_of", values=values)
-
-
 def closest(name: str, known: Iterable[str]) -> str:
     """What may have been meant, as the end of a sentence; empty where nothing is near."""
     near = get_close_matches(name, list(known), n=2)

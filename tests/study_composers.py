@@ -1,13 +1,11 @@
 """How the methods compare, as a study of its own: `python -m tests.study_composers --help`.
 
-`methods` runs every method on the same unseen goals and prints a table; `arms` draws returns over steps of the DDPG
-composer over all latents, the means, and the means with their half-way latents, with a 95 % bootstrap interval over seeds.
+Runs every method on the same unseen goals and prints a table.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -30,7 +28,6 @@ CORNERS = {  # where unseen goals are drawn, as they are typed
     "reach": ((0.5, -0.3, 0.15), (0.7, 0.3, 0.3)),  # the cuboid of the skills
     "push": ((-0.2, -0.2), (0.2, 0.2)),
 }
-ARMS = ("continuous", "means", "interpolated")
 
 
 def unseen_goals(library: Library, count: int) -> Array:
@@ -66,49 +63,17 @@ def methods(library: Library, names: list[str], goals: Array, settings: list[str
         )
 
 
-def arms(library: Library, goals: Array, seeds: int, settings: list[str]) -> dict[str, dict[str, list[float]]]:
-    """Greedy return over control steps, mean over goals and seeds, with the bootstrap interval over seeds."""
-    found = {}
-    for arm in ARMS:
-        returns, distances, steps = [], [], np.zeros(0)
-        for seed in range(seeds):
-            runs = [
-                plan(library, "ddpg", goal, [*settings, f"ddpg.latents={arm}", "ddpg.good_enough=0"], seed) for goal in goals
-            ]
-            returns.append(np.mean([run.curves["greedy_return"] for run in runs], axis=0))
-            distances.append(float(np.mean([run.curves["greedy_final_distance"].min() for run in runs])))
-            steps = runs[0].curves["env_steps"]
-        low, high = bootstrap(np.array(returns))
-        found[arm] = {
-            "env_steps": steps.tolist(), "mean": np.mean(returns, axis=0).tolist(), "low": low.tolist(), "high": high.tolist(),
-            "best_final_distance_m": distances,
-        }  # fmt: skip
-    return found
-
-
-def bootstrap(samples: Array, draws: int = 2000) -> tuple[Array, Array]:
-    """95 % percentile interval of the mean over the first axis (Efron 1979)."""
-    chosen = generator(0, "bootstrap").integers(len(samples), size=(draws, len(samples)))
-    low, high = np.quantile(samples[chosen].mean(axis=1), [0.025, 0.975], axis=0)
-    return low, high
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=["methods", "arms"])
     parser.add_argument("--store", type=Path, default=Path("artifacts"))
     parser.add_argument("--id", default="reference-reach/embed-means")
     parser.add_argument("--method", action="append", help="by default search, mpc, ppo, ddpg")
     parser.add_argument("--goals", type=int, default=20)
-    parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--set", action="append", default=[], dest="settings", metavar="KEY=VALUE")
     given = parser.parse_args()
     store = Store(given.store)
     library = open_library(store, store.read(store.resolve(given.id)))
     goals = unseen_goals(library, given.goals)
-    if given.what == "arms":
-        print(json.dumps(arms(library, goals, given.seeds, given.settings)))
-        return
     for line in methods(library, given.method or ["search", "mpc", "ppo", "ddpg"], goals, given.settings):
         print(line, flush=True)
 

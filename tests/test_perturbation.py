@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
+from ranges import log_uniform, one_of, uniform
 
-from skillcli.perturbation import MAX_LATENCY, NEUTRAL, PARAMETERS, Range, Ranges, fill, log_uniform, one_of, sample, uniform
+from skillcli.perturbation import MAX_LATENCY, NEUTRAL, PARAMETERS, Range, Ranges, fill, sample
 
 READER: TypeAdapter[dict[str, Range]] = TypeAdapter(Ranges)
 

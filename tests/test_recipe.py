@@ -1,9 +1,9 @@
 from pathlib import Path
 
 import pytest
+from ranges import log_uniform, one_of, uniform
 
 from skillcli.errors import UsageError
-from skillcli.perturbation import log_uniform, one_of, uniform
 from skillcli.recipe import Recipe, describe, load_recipe, recipe_names, resolve
 
 MINIMAL = {"name": "mine", "task": {"name": "reach"}}

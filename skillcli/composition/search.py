@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import heapq
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from skillcli.composition.latent_environment import LatentEnvironment, Outcome
+from skillcli.composition.latent_environment import Outcome
 from skillcli.composition.plan import Choices, Segment
-from skillcli.composition.planner import Proposal, run
+from skillcli.composition.planner import Proposal
 from skillcli.composition.route import Route, cautious
 from skillcli.trajectories import Array
 
@@ -252,9 +252,3 @@ class Expansions:
         self._rows, self._held = outcome.rows, self._left.pop(0)
         so_far = Outcome(self._path, self._failed, self._rows)
         self.search.tell(self._parents, self._choice, so_far, self._held)
-
-
-def search(planner: UniformCostSearch, world: LatentEnvironment, batch: int, tell: Callable[[int, int, str], None]) -> Node:
-    """Run a search to its end, `batch` nodes at once; returns the goal node, or the nearest one when the budget is spent."""
-    run(Expansions(planner, batch), world, tell)
-    return planner.best

@@ -31,6 +31,28 @@ class LatentBox:
         return unit
 
 
+class Trace:
+    """A round of N episodes side by side: what was seen, chosen and led to, choice after choice."""
+
+    def __init__(self) -> None:
+        self.seen: list[Array] = []  # features (N, f), one more than choices
+        self.units: list[Array] = []  # chosen, (N, d)
+        self.rewards: list[Array] = []  # (N,)
+        self.terminated: list[Array] = []  # (N,)
+
+    def chose(self, features: Array, unit: Array) -> None:
+        """A choice was made; the features before the first one are news, later ones were led to."""
+        if not self.seen:
+            self.seen.append(features)
+        self.units.append(unit)
+
+    def led(self, reward: Array, features: Array, terminated: Array) -> None:
+        """What the last choice led to."""
+        self.seen.append(features)
+        self.rewards.append(reward)
+        self.terminated.append(terminated)
+
+
 class Head(nn.Module):
     """A multilayer perceptron; with a tanh behind it where its output must stay within [-1, 1]."""
 
@@ -86,4 +108,4 @@ def check_finite(method: str, logged: Mapping[str, float], *modules: nn.Module) 
         )
 
 
-__all__ = ["Head", "LatentBox", "Normalizer", "arrays_of", "check_finite", "descend", "tensor"]
+__all__ = ["Head", "LatentBox", "Normalizer", "Trace", "arrays_of", "check_finite", "descend", "tensor"]

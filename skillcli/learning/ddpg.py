@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from skillcli.learning.composer import Head, LatentBox, Normalizer, arrays_of, check_finite, descend, tensor
+from skillcli.learning.composer import Head, LatentBox, Normalizer, Trace, arrays_of, check_finite, descend, tensor
 from skillcli.methods import Ddpg
 from skillcli.seeding import generator, torch_generator
 from skillcli.trajectories import Array
@@ -67,9 +67,7 @@ class DdpgComposer:
         self._optimizers = [torch.optim.Adam(net.parameters(), lr=settings.learning_rate) for net in (self.actor, self.critic)]
         self.replay = Replay(settings.replay, features, size)
         self._round = 0
-        self._seen: list[Array] = []  # features of this round, one more than choices
-        self._units: list[Array] = []
-        self._led: list[tuple[Array, Array]] = []  # reward and termination
+        self._trace = Trace()
 
     @torch.no_grad()
     def choose(self, features: Array) -> Array:
@@ -77,31 +75,28 @@ class DdpgComposer:
         seen = self.normalizer(tensor(features))
         unit = self.actor(seen)
         if self._round < self._settings.warm_up:
-            if not self._units:
+            if not self._trace.units:
                 self._drawn = self._rng.uniform(-1, 1, unit.shape)
             unit[1:] = tensor(self._drawn)[1:]
         else:
             unit[1:] += self._noise() * tensor(self._rng.standard_normal(unit[1:].shape))
         unit = self.project(unit.clamp(-1, 1), seen, self.critic)
-        if not self._seen:
-            self._seen.append(features)
-        self._units.append(unit.numpy())
-        return self._box.latent(self._units[-1])
+        self._trace.chose(features, unit.numpy())
+        return self._box.latent(unit.numpy())
 
     def learn(self, reward: Array, features: Array, terminated: Array) -> None:
         """See `Composer`."""
-        self._seen.append(features)
-        self._led.append((reward, terminated))
+        self._trace.led(reward, features, terminated)
 
     def improve(self, valid: Array) -> dict[str, float]:
         """See `Composer`."""
-        for t, (reward, terminated) in enumerate(self._led):
-            kept = valid[t]
-            columns = self._seen[t], self._units[t], reward, self._seen[t + 1], terminated
+        trace = self._trace
+        for t, kept in enumerate(valid[: len(trace.rewards)]):
+            columns = trace.seen[t], trace.units[t], trace.rewards[t], trace.seen[t + 1], trace.terminated[t]
             self.replay.add(*(column[kept] for column in columns))
         if self._round < self._settings.warm_up:  # what there is to see is known then; later the scale stays
-            self.normalizer.update(tensor(np.concatenate(self._seen)))
-        self._seen, self._units, self._led = [], [], []
+            self.normalizer.update(tensor(np.concatenate(trace.seen)))
+        self._trace = Trace()
         self._round += 1
         logged = {"critic_loss": 0.0, "q": 0.0, "noise": self._noise()}
         for optimizer in self._optimizers:

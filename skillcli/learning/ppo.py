@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from skillcli.learning import gaussian
-from skillcli.learning.composer import Head, LatentBox, Normalizer, arrays_of, check_finite, descend, tensor
+from skillcli.learning.composer import Head, LatentBox, Normalizer, Trace, arrays_of, check_finite, descend, tensor
 from skillcli.learning.gae import advantages
 from skillcli.learning.te_ppo import adapted_learning_rate, approximate_kl, surrogate_loss
 from skillcli.methods import Ppo
@@ -40,7 +40,7 @@ class PpoComposer:
         self.log_std = torch.nn.Parameter(torch.full((size,), math.log(settings.initial_std)))
         self._actor = torch.optim.Adam([*self.policy.parameters(), self.log_std], lr=settings.learning_rate)
         self._critic = torch.optim.Adam(self.value.parameters(), lr=settings.learning_rate)
-        self._begin()
+        self._trace = Trace()
         self._round = 0
 
     @torch.no_grad()
@@ -50,28 +50,24 @@ class PpoComposer:
         noise = tensor(self._rng.standard_normal(mean.shape))
         noise[0] = 0.0
         unit = mean + self.log_std.exp() * noise
-        if not self._seen:
-            self._seen.append(features)
-        self._units.append(unit.numpy())
-        return self._box.latent(self._units[-1])
+        self._trace.chose(features, unit.numpy())
+        return self._box.latent(unit.numpy())
 
     def learn(self, reward: Array, features: Array, terminated: Array) -> None:
         """See `Composer`."""
-        self._seen.append(features)
-        self._rewards.append(reward)
-        self._terminated.append(terminated)
+        self._trace.led(reward, features, terminated)
 
     def improve(self, valid: Array) -> dict[str, float]:
         """See `Composer`; the first episode is left out, it was not drawn from the policy."""
         on_policy = valid.copy()
         on_policy[:, 0] = False
-        seen = tensor(np.stack(self._seen))  # (T+1, N, f)
+        seen = tensor(np.stack(self._trace.seen))  # (T+1, N, f)
         if self._round == 0:  # before the first update there is nothing to normalise by
             self.normalizer.update(seen.flatten(0, 1))
-        logged = self._update(self.normalizer(seen), tensor(np.stack(self._units)), on_policy)
+        logged = self._update(self.normalizer(seen), tensor(np.stack(self._trace.units)), on_policy)
         if self._round > 0:
             self.normalizer.update(seen.flatten(0, 1))
-        self._begin()
+        self._trace = Trace()
         self._round += 1
         check_finite("ppo", logged, self.policy, self.value)
         return logged
@@ -81,12 +77,6 @@ class PpoComposer:
         weights = arrays_of(normalizer=self.normalizer, policy=self.policy, value=self.value)
         return {**weights, "policy.log_std": self.log_std.detach().numpy().copy()}
 
-    def _begin(self) -> None:
-        self._seen: list[Array] = []  # features of this round, one more than choices
-        self._units: list[Array] = []
-        self._rewards: list[Array] = []
-        self._terminated: list[Array] = []
-
     def _update(self, seen: Tensor, unit: Tensor, valid: Array) -> dict[str, float]:
         """Several epochs over one round: normalised features (T+1, N, f), units (T, N, d), valid (T, N)."""
         settings, chosen = self._settings, torch.from_numpy(valid)
@@ -94,7 +84,7 @@ class PpoComposer:
             value = self.value(seen).squeeze(-1).numpy()
             old = gaussian.log_prob(unit, self.policy(seen[:-1]), self.log_std.exp())[chosen]
         advantage = advantages(
-            np.stack(self._rewards), value[:-1], value[-1], np.stack(self._terminated), valid,
+            np.stack(self._trace.rewards), value[:-1], value[-1], np.stack(self._trace.terminated), valid,
             settings.discount, settings.gae_lambda,
         )  # fmt: skip
         target = tensor(advantage + value[:-1])[chosen]

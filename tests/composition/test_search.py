@@ -13,7 +13,8 @@ import pytest
 
 from skillcli.composition.latent_environment import Outcome
 from skillcli.composition.plan import Choices
-from skillcli.composition.search import Node, Settings, UniformCostSearch, search
+from skillcli.composition.planner import run
+from skillcli.composition.search import Expansions, Node, Settings, UniformCostSearch
 from skillcli.trajectories import Array
 
 RIGHT, UP, DIAGONAL = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 1.0, 0.0)
@@ -49,7 +50,8 @@ def planner(waypoints: list[tuple[float, ...]], latent: Choices, **changes: obje
 
 
 def solve(plan: UniformCostSearch, world: World | None = None, batch: int = 1) -> Node:
-    return search(plan, world or World(), batch, lambda *_: None)  # type: ignore[arg-type]
+    run(Expansions(plan, batch), world or World(), lambda *_: None)  # type: ignore[arg-type]
+    return plan.best
 
 
 def test_uniform_cost_finds_the_shortest_way() -> None:
@@ -276,7 +278,7 @@ def test_a_box_is_pushed_round_a_corner_and_the_approach_saves_most_of_the_work(
         settings = replace(SETTINGS, weight=1.0, max_speed=1.0, approach_speed=speed, standoff=1.0, resolution=0.5)
         start = np.array([BOX, (0.0, -1.0, 0.0)])
         plan = UniformCostSearch(start.ravel(), start[None], np.array([(3.0, 0, 0), (3.0, 2, 0)]), choices(*COMPASS), settings)
-        node = search(plan, Pusher(), 1, lambda *_: None)  # type: ignore[arg-type]
+        node = solve(plan, Pusher())  # type: ignore[arg-type]
         # west, north, three times east; then south, east, and twice north
         assert node is plan.goal and node.cost == 9
         assert "".join(segment.label * segment.steps for segment in plan.plan(node)) == "321114122"

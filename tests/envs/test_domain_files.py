@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from ranges import log_uniform, one_of, uniform
 
 from skillcli.envs.domains import PRESETS, find_domain
 from skillcli.errors import UsageError
-from skillcli.perturbation import NEUTRAL, PARAMETERS, Range, log_uniform, one_of, uniform
+from skillcli.perturbation import NEUTRAL, PARAMETERS, Range
 
 
 def written(folder: Path, text: str | bytes) -> str:

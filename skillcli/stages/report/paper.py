@@ -8,7 +8,6 @@ from __future__ import annotations
 POINT_EFFICIENCY = 0.484  # ellipses over hull of the means
 POINT_STEPS = 15_000  # until the embedding separates the four tasks
 REACH_CORRELATION = 0.92  # of latent and goal distances
-REACH_TOLERANCE = 0.05
 REACH_FINAL = {  # real: final distance by goal
     (0.5, 0.3, 0.15): 0.092,
     (0.5, -0.3, 0.15): 0.071,
