@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -45,7 +46,7 @@ class Trajectories:
         """How many episodes there are, E."""
         return int(self.length.shape[0])
 
-    @property
+    @cached_property
     def judged(self) -> Array:
         """Path of the judged point, (E, T+1, 3) m; box and point are judged in the plane z = 0."""
         if self.object_pose is None and self.gripper_position is not None:

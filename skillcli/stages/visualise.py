@@ -46,6 +46,7 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
         intervals={domain["name"]: (domain["success_rate"], *domain["ci95"]) for domain in artifact.results.get("domains", [])},
         source=source,
         episode_source=np.arange(recording.episodes) % each % (source.episodes if source else 1),
+        other_robot=(artifact.results.get("robot") or {}).get("file", ""),
         drawn=_drawn(artifact, recording.episodes),
     )
 

@@ -48,6 +48,11 @@ def moves(model: mujoco.MjModel, body: int) -> bool:
     return int(model.body_weldid[body]) != 0
 
 
+def of_arm(model: mujoco.MjModel, body: int) -> bool:
+    """Whether the body belongs to the arm, from its base on."""
+    return int(model.body_rootid[body]) == int(model.body_rootid[model.joint("right_j0").bodyid[0]])
+
+
 def shapes(model: mujoco.MjModel) -> dict[int, list[Shape]]:
     """The primitives to draw of each body that has some.
 

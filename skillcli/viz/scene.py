@@ -39,6 +39,7 @@ class Scene:
     # A transfer only:
     source: Trajectories | None = None  # (R episodes) what was sent, as it went in the simulation it was made in
     episode_source: Array = field(default_factory=lambda: np.zeros(0, dtype=int))  # (E,) which of those each episode repeats
+    other_robot: str = ""  # the file of the robot that episodes ran on where that is not `model`, whose joints would bend it
     drawn: Mapping[str, Array] = field(default_factory=dict)  # parameters, (E,) or (E, n); NaN: the domain leaves it alone
 
     def __post_init__(self) -> None:

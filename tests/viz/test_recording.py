@@ -185,6 +185,13 @@ def test_a_source_that_has_less_time_than_the_target_is_shown_to_the_end(tmp_pat
     assert source == target > 6
 
 
+def test_another_robot_is_not_drawn_as_the_source(tmp_path: Path) -> None:
+    scene = replace(scenes.make("transfer-eval", "push"), other_robot="other.toml")
+    entities = record(scene, tmp_path / "scene.rrd")
+    shown = {root: {e.split("/")[3] for e in entities if e.startswith(f"/{root}/model/")} for root in ("source", "world")}
+    assert shown["source"] - shown["world"] == {"base", "upper", "lower"} and "box" in shown["world"]
+
+
 def test_a_source_that_ends_early_rests_until_the_target_ends() -> None:
     scene = scenes.make("compose", "point")
     short = replace(scene, trajectories=replace(scene.trajectories, length=np.array([3])))

@@ -96,7 +96,10 @@ def _target_view(scene: Scene) -> rrb.View:
     """The episode that plays on its robot, its path beside the planned one."""
     contents = ["+ $origin/**", "- $origin/paths/**"]
     eye = _eye(spread(scene), flat=scene.model is None)
-    return rrb.Spatial3DView(origin="/world", contents=contents, name="target (white: the planned path)", eye_controls=eye)
+    robot = f"{scene.other_robot}, not drawn; " if scene.other_robot else ""
+    return rrb.Spatial3DView(
+        origin="/world", contents=contents, name=f"target ({robot}white: the planned path)", eye_controls=eye
+    )
 
 
 def _source_view(scene: Scene) -> rrb.View:

@@ -114,13 +114,16 @@ def log_model(stream: rr.RecordingStream, scene: Scene, clocks: list[Clock]) -> 
     """The bodies' shapes once, and their poses over the played episodes; in a transfer also those of the source."""
     sent = motion.sent(scene)
     roots = {"world": scene} if sent is None else {"world": scene, "source": sent}
-    visible = kinematics.shapes(scene.model)
+    every = kinematics.shapes(scene.model)
+    known = {body: form for body, form in every.items() if not (scene.other_robot and kinematics.of_arm(scene.model, body))}
     for root in roots:
+        visible = known if root == "world" else every
         for body, shapes in visible.items():
             for form in sorted({shape.form for shape in shapes}):
                 archetype = _shape_archetype(form, [shape for shape in shapes if shape.form == form])
                 stream.log(f"{_body_entity(scene, root, body)}/{form}", archetype, static=True)
     for root, played in roots.items():
+        visible = known if root == "world" else every
         for clock in clocks:
             episode = clock.episode if played is scene else int(scene.episode_source[clock.episode])
             rows = rest_after(np.arange(int(scene.trajectories.length[clock.episode]) + 1), played, episode)
