@@ -20,7 +20,7 @@ from skillcli.envs.mjcf import (
     read_mjcf,
     upwards,
 )
-from skillcli.envs.servos import Servo, add_servo, find_servos
+from skillcli.envs.servos import Servo, add_servo, find_servos, lay_on_joint
 from skillcli.errors import UsageError
 
 PREFIX = "robot/"  # of all names of the foreign model, so that none is one of ours
@@ -156,6 +156,7 @@ def _mount(child: mujoco.MjSpec, description: Description, servos: list[Servo]) 
     sawyer.add_table(scene)
     for name, servo in zip(sawyer.NAMES.servos, servos, strict=True):
         add_servo(scene, name, PREFIX + servo.joint, servo)
+        lay_on_joint(child.joint(servo.joint), servo)
     frame = scene.worldbody.add_frame(pos=description.base.pos, quat=description.base.quat)
     scene.attach(child, prefix=PREFIX, frame=frame)
     return scene

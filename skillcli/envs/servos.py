@@ -74,8 +74,13 @@ def add_servo(spec: mujoco.MjSpec, name: str, joint: str, servo: Servo) -> None:
         actuator.dyntype, actuator.dynprm[0] = servo.filter
     actuator.forcelimited, actuator.forcerange = _range(servo.force)
     actuator.ctrllimited, actuator.ctrlrange = _range(servo.target)
-    actuator.delay, actuator.armature = servo.delay, servo.armature
-    actuator.damping[0] = servo.damping
+    actuator.delay = servo.delay
+
+
+def lay_on_joint(joint: Any, servo: Servo) -> None:
+    """What the transmission of a servo adds becomes the joint's own, where domains find it."""
+    joint.armature += servo.armature
+    joint.damping[0] += servo.damping
 
 
 def _range(limits: tuple[float, float]) -> tuple[bool, list[float]]:

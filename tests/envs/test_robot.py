@@ -141,6 +141,15 @@ def test_servos_of_any_kind_are_brought_to_one_form() -> None:
     assert motors.actuator_forcerange[:, 1].tolist() == [80, 80, 40, 40, 9, 9, 9], "gear times control range"
 
 
+def test_what_a_motor_adds_to_its_joint_is_varied_with_it(tmp_path: Path) -> None:
+    """Behind a gear of 10: 0.01 kg·m² and 0.02 N·m·s/rad are 1 and 2 at the joint, which has 0.6 and 1.5 of its own."""
+    motor = '<motor joint=J gear="10" armature="0.01" damping="0.02" ctrlrange="-8 8"/>'
+    env = env_on(load_robot(described(tmp_path, TORQUE, driven_by(motor))))
+    np.testing.assert_allclose([env.arms.model.dof_armature[:7], env.arms.model.dof_damping[:7]], [[1.6] * 7, [3.5] * 7])
+    env.perturb({"armature": np.full((2, 7), 2.0)}, np.random.default_rng(0))
+    np.testing.assert_allclose(env.arms.batch.expand("dof_armature")[:, :7], 3.2)
+
+
 def test_a_servo_in_one_form_pushes_with_the_force_it_had(tmp_path: Path) -> None:
     """force = gear (gain u + offset - 300 gear q - 20 gear v), here by hand."""
     general = '<general joint=J gear="2" gainprm="50" biastype="affine" biasprm="30 -300 -20" ctrlrange="-4 4"/>'
