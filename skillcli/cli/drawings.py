@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from rich.markup import escape
 from rich.table import Table
 from rich.tree import Tree
 
@@ -37,7 +38,7 @@ def curves(arrays: Mapping[str, Any], width: int) -> Table:
     table = Table("curve", "", "first", "last")
     for name, values in sorted(arrays.items()):
         ends = (f"{values[index]:.4g}" for index in (0, -1)) if values.ndim == 1 and len(values) else ("", "")
-        table.add_row(name, sparkline(values, max(NARROW, min(WIDTH, room))), *ends)
+        table.add_row(escape(name), sparkline(values, max(NARROW, min(WIDTH, room))), *ends)
     return table
 
 
@@ -46,21 +47,24 @@ def recipe(resolved: Mapping[str, Any]) -> Table:
     table = Table("recipe", "values")
     for section, values in sorted(resolved.items()):
         shown = ", ".join(f"{key}={value}" for key, value in values.items()) if isinstance(values, Mapping) else str(values)
-        table.add_row(section, shown)
+        table.add_row(section, escape(shown))
     return table
 
 
 def lineage(store: Store, artifact_id: ArtifactId) -> Tree:
     """What an artifact was made from, as a tree; what is gone or damaged is marked."""
     tree = Tree(f"[bold]{artifact_id}[/]")
-    pending = [(tree, artifact_id)]
+    pending, seen = [(tree, artifact_id)], {artifact_id}
     while pending:
         branch, one = pending.pop(0)
         for parent in store.header(one).parents:
             try:
                 same = store.header(parent.id).content_sha256 == parent.content_sha256
                 label = f"{parent.id} [dim]{parent.content_sha256[:12]}[/]" + ("" if same else " [red]changed since[/]")
-                pending.append((branch.add(label), parent.id))
+                below = branch.add(label)
+                if parent.id not in seen:  # a file made by hand may name itself
+                    seen.add(parent.id)
+                    pending.append((below, parent.id))
             except StoreError:
                 branch.add(f"{parent.id} [red]gone or damaged[/]")
     return tree

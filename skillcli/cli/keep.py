@@ -27,6 +27,7 @@ def register(app: typer.Typer) -> None:
 
 def diff(context: typer.Context, a: FullId, b: FullId) -> None:
     """Compare two artifacts: recipes, packages, results and arrays."""
+    from rich.markup import escape
     from rich.table import Table
 
     from skillcli.cli.compare import differences
@@ -37,7 +38,7 @@ def diff(context: typer.Context, a: FullId, b: FullId) -> None:
     table = Table("", str(first.id), str(second.id))
     for part, values in found.items():
         for key, (left, right) in values.items():
-            table.add_row(f"{part} {key}".rstrip(), str(left), str(right))
+            table.add_row(*(escape(text) for text in (f"{part} {key}".rstrip(), str(left), str(right))))
     same = first.content_sha256 == second.content_sha256
     said = f"{first.id} and {second.id} have the same content" if same else f"{first.id} and {second.id} differ in content"
     session.result(

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import files, made, skill
+from rich.console import Console
 
 from skillcli.cli import drawings
 from skillcli.store import STAGES
@@ -180,3 +181,9 @@ def test_the_shell_completes_ids_without_loading_anything_slow(store: Path) -> N
     assert sorted(offered) == sorted(f"tiny/{stage}-v1" for stage in STAGES) and not slow
     assert complete(store, "viz", "reference-point/c")[0] == ["reference-point/compose-v1"]
     assert complete(store, "rm", '""')[0] in (["reference-point/", "tiny/"], [])
+
+
+def test_square_brackets_in_a_recipe_are_text() -> None:
+    console = Console(width=60, record=True)
+    console.print(drawings.recipe({"description": "goals [/x] and [bold]"}))
+    assert "goals [/x] and [bold]" in console.export_text()
