@@ -26,7 +26,8 @@ from skillcli.trajectories import Array, Trajectories
 
 REPLANS = ("search", "mpc")
 LATENESS = np.array([0.0, 0.025, 0.05, 0.075, 0.1, 0.15])  # s, told apart
-MARGIN = 0.8  # of the tolerance of waypoints that are passed: what the sensors show is off by millimetres
+MARGIN = 0.8  # of the tolerance that the judge has: what the sensors show is off by millimetres
+PATIENCE = 0.5  # of an episode's time for coming as near as asked for; from then on what the judge takes is near enough
 GLANCE = 2  # control steps over which the speed of the judged point is seen: over one, noise would drown it
 
 
@@ -82,7 +83,7 @@ class Replanner:
             seed: of methods that use chance.
         """
         target.target[:] = waypoints[-1]
-        mission = _Mission(self, target, waypoints, generator(seed, "replanning"))
+        mission = _Mission(self, target, waypoints, round(PATIENCE * steps), generator(seed, "replanning"))
         recording, _ = conduct(target, self.leg.library.agent.act, mission.feed, steps)
         return recording.judged_by(recording.success & met(recording, [waypoints], target.tolerance))
 
@@ -141,8 +142,11 @@ class Replanner:
 class _Mission:
     """One episode under way: which waypoints are behind it, and what is being held."""
 
-    def __init__(self, replanner: Replanner, target: Environment, waypoints: Array, rng: np.random.Generator) -> None:
+    def __init__(
+        self, replanner: Replanner, target: Environment, waypoints: Array, patience: int, rng: np.random.Generator
+    ) -> None:
         self._replanner, self._target, self._waypoints, self._rng = replanner, target, waypoints, rng
+        self._patience = patience  # control steps
         self._due = 0
         self._segment: Segment | None = None
         self._left = 0  # control steps that the segment is still held for
@@ -188,7 +192,10 @@ class _Mission:
             return False
         settings = self._replanner.leg.recipe.search
         slow = not settings.final_speed or self._replanner.method == "mpc" or self._speed() <= settings.final_speed
-        return gap <= self._replanner.goal_tolerance and slow and len(self._path) > 1
+        near = self._replanner.goal_tolerance
+        if len(self._path) > self._patience:  # some places no sequence of latents comes nearer to
+            near = max(near, MARGIN * self._target.tolerance)
+        return gap <= near and slow and len(self._path) > 1
 
     def _speed(self) -> float:
         """Of the judged point as it was seen, m/s."""

@@ -154,3 +154,13 @@ def test_replanning_arrives_although_the_robot_starts_elsewhere(push: float) -> 
     assert episode.success[0] and episode.length[0] < 120, "it stops where it arrives"
     assert np.linalg.norm(episode.judged[0, -1] - waypoints[-1]) < 0.025
     assert replanner.effort.plans >= 4 and replanner.effort.seconds > 0
+
+
+def test_after_half_of_the_time_what_the_judge_takes_is_near_enough() -> None:
+    near = {"segments": [0.1], "weight": 4.0, "goal_tolerance": 1e-6}  # m: no two of these actions lead there
+    recipe = resolve({"name": "r", "task": {"name": "reach"}, "search": near, "transfer": {"replan_budget": 4}})
+    leg = Leg(Perfect(), recipe, np.zeros((0, 3)), (), 0, silent, Robots())  # type: ignore[arg-type]
+    target = make(recipe.task, 1)
+    target.reset(np.array([0]), np.array([0]))
+    episode = Replanner(leg, "search").episode(target, np.array([[0.6, 0.1, 0.25]]), 60, seed=0)
+    assert episode.success[0] and 30 <= episode.length[0] < 60
