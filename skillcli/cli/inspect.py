@@ -14,13 +14,15 @@ import typer
 from skillcli.cli import complete
 from skillcli.cli.learn import MADE_FROM
 from skillcli.cli.session import Session
-from skillcli.errors import SkillError
+from skillcli.errors import SkillError, UsageError
 
 if TYPE_CHECKING:
     from rich.console import Group
     from rich.table import Table
 
     from skillcli.envs.domains import Domain
+
+PICTURES = (".png", ".pdf", ".svg")
 
 recipes_app = typer.Typer(help="Recipes: list them, or show one resolved.", invoke_without_command=True)
 
@@ -44,6 +46,8 @@ def viz(
 ) -> None:
     """Write a rerun recording of any artifact: arm, goals, paths, latents, curves."""
     session: Session = context.obj
+    if output is not None and output.suffix.lower() in PICTURES:
+        raise UsageError(f"{output} would be a recording, its name says picture", f"for a figure: --png {output}")
     found = session.pick(source)
     from skillcli.stages.visualise import draw, record
 

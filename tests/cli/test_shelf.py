@@ -187,3 +187,8 @@ def test_square_brackets_in_a_recipe_are_text() -> None:
     console = Console(width=60, record=True)
     console.print(drawings.recipe({"description": "goals [/x] and [bold]"}))
     assert "goals [/x] and [bold]" in console.export_text()
+
+
+def test_a_recording_is_not_written_under_the_name_of_a_picture(store: Path, tmp_path: Path) -> None:
+    result = skill("--store", store, "--json", "viz", "tiny/compose", "-o", tmp_path / "a.png")
+    assert result.code == 2 and "--png" in result.json["error"]["hint"] and not (tmp_path / "a.png").exists()
