@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from skillcli.envs.domains import Domain
 
-PICTURES = (".png", ".pdf", ".svg")
-
 recipes_app = typer.Typer(help="Recipes: list them, or show one resolved.", invoke_without_command=True)
 
 
@@ -46,7 +44,9 @@ def viz(
 ) -> None:
     """Write a rerun recording of any artifact: arm, goals, paths, latents, curves."""
     session: Session = context.obj
-    if output is not None and output.suffix.lower() in PICTURES:
+    from skillcli.viz.files import FORMATS
+
+    if output is not None and output.suffix.lower().removeprefix(".") in FORMATS:
         raise UsageError(f"{output} would be a recording, its name says picture", f"for a figure: --png {output}")
     found = session.pick(source)
     from skillcli.stages.visualise import draw, record

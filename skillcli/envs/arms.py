@@ -10,10 +10,8 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from skillcli.envs import (
-    quiet,  # noqa: F401
-    table,
-)
+import skillcli.envs.quiet  # noqa: F401
+from skillcli.envs import table
 from skillcli.envs.sawyer import GRIPPER, LIMIT_MARGIN, NAMES, Names
 
 Array = NDArray[Any]

@@ -53,7 +53,7 @@ def build(path: Path, description: Description) -> tuple[mujoco.MjSpec, sawyer.N
     for index in sorted(replaced, reverse=True):
         child.delete(child.actuators[index])
     weightless = _weigh(child)
-    _compensate(child, description)
+    _compensate(child, description, carried=bool(weightless))
     scene = _mount(child, description, servos)
     _put_finger(scene.body(PREFIX + holder), pos, quat, own=geoms is not None, default=scene.default)
     finger = sawyer.NAMES.finger if geoms is None else tuple(PREFIX + name for name in geoms)
@@ -118,24 +118,20 @@ def _finger_geoms(spec: mujoco.MjSpec, description: Description) -> list[str]:
 
 
 def _weigh(spec: mujoco.MjSpec) -> list[str]:
-    """Give a model without gravity ours, and let its arm not feel it, as it did not before; returns a note of that.
-
-    A box would not lie on the table otherwise, and friction would not act.
-    """
+    """Give a model without gravity ours, else a box would not lie on the table; returns a note of that."""
     off = mujoco.mjtDisableBit.mjDSBL_GRAVITY
     if not int(spec.option.disableflags) & int(off) and np.any(spec.option.gravity):
         return []
     spec.option.disableflags = int(spec.option.disableflags) & ~int(off)
     spec.option.gravity = mujoco.MjSpec().option.gravity
-    for body in spec.bodies[1:]:
-        body.gravcomp = 1.0
-    return ["the model has no gravity: ours acts on what lies on the table, and the arm is carried"]
+    return ["the model has no gravity: ours acts, and the arm is carried unless gravity_compensation says no"]
 
 
-def _compensate(spec: mujoco.MjSpec, description: Description) -> None:
+def _compensate(spec: mujoco.MjSpec, description: Description, carried: bool) -> None:
+    """Let the controller carry the arm where that is asked for, or nothing is and the model's arm was `carried`."""
     wanted = description.gravity_compensation
-    if wanted is None and description.gains is not None:
-        wanted = True  # then the controller is ours, and ours carries the arm
+    if wanted is None and (carried or description.gains is not None):
+        wanted = True  # with gains the controller is ours, and ours carries the arm
     if wanted is not None:
         for body in spec.bodies[1:]:
             body.gravcomp = float(wanted)

@@ -11,7 +11,7 @@ from typing import Any
 
 import mujoco
 
-from skillcli.envs import quiet  # noqa: F401
+import skillcli.envs.quiet  # noqa: F401
 from skillcli.errors import UsageError
 
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
@@ -71,14 +71,18 @@ def drop_missing_files(spec: mujoco.MjSpec, path: Path) -> list[str]:
         spec.delete(element)
     for material in spec.materials:
         material.textures = [""] * len(material.textures)
-    if _all_there(spec):
+    missing = [
+        (kind, asset)
+        for kind, assets in (("mesh", spec.meshes), ("hfield", spec.hfields))
+        for asset in assets
+        if asset.file and not _asset_file(spec, asset, path).is_file()
+    ]
+    if not missing or _all_there(spec):
         return []
     gone: dict[str, set[str]] = {"mesh": set(), "hfield": set()}
-    for kind, assets in (("mesh", spec.meshes), ("hfield", spec.hfields)):
-        for asset in list(assets):
-            if asset.file and not _asset_file(spec, asset, path).is_file():
-                gone[kind].add(asset.name or Path(asset.file).stem)
-                spec.delete(asset)
+    for kind, asset in missing:
+        gone[kind].add(asset.name or Path(asset.file).stem)
+        spec.delete(asset)
     dropped = [geom for geom in spec.geoms if geom.meshname in gone["mesh"] or geom.hfieldname in gone["hfield"]]
     touching = sum(bool(geom.contype or geom.conaffinity) for geom in dropped)
     for geom in dropped:
@@ -95,7 +99,7 @@ def _all_there(spec: mujoco.MjSpec) -> bool:
         with quietly():
             spec.copy().compile()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
-        return "opening" not in str(error) and "file" not in str(error)
+        return "file" not in str(error)
     return True
 
 

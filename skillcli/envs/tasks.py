@@ -93,10 +93,15 @@ def stand(
         robot: as for `make`.
     """
     env = make(task, len(skill), threads, "latency" in parameters, robot)
+    begin(env, skill, parameters, rng)
+    return env
+
+
+def begin(env: Environment, skill: Array, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
+    """Make simulations the robots of `parameters`, and put them at the start; see `stand`."""
     if parameters:
         env.perturb(parameters, rng)
     env.reset(np.arange(len(skill)), skill)
-    return env
 
 
 def _spec_of(task: ReachTask | PushTask) -> mujoco.MjSpec:

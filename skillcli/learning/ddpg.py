@@ -91,7 +91,7 @@ class DdpgComposer:
     def improve(self, valid: Array) -> dict[str, float]:
         """See `Composer`."""
         trace = self._trace
-        for t, kept in enumerate(valid[: len(trace.rewards)]):
+        for t, kept in enumerate(valid):
             columns = trace.seen[t], trace.units[t], trace.rewards[t], trace.seen[t + 1], trace.terminated[t]
             self.replay.add(*(column[kept] for column in columns))
         if self._round < self._settings.warm_up:  # what there is to see is known then; later the scale stays

@@ -10,7 +10,7 @@ import numpy as np
 from skillcli.envs.domains import Domain
 from skillcli.envs.environment import Environment
 from skillcli.envs.robot import Robot
-from skillcli.envs.tasks import MAX_SIMULATIONS, make, stand
+from skillcli.envs.tasks import MAX_SIMULATIONS, begin, make, stand
 from skillcli.learning.playback import play, play_waypoints
 from skillcli.perturbation import sample
 from skillcli.recipe import PointTask
@@ -108,9 +108,7 @@ class Trial:
         env = make(self.library.recipe.task, 1, delay="latency" in target.parameters, robot=self.robot)
         for episode, waypoints in enumerate(script.waypoints):
             told(episode, script.episodes)
-            if target.parameters:
-                one = {name: values[episode : episode + 1] for name, values in target.parameters.items()}
-                env.perturb(one, generator(self.seed, f"sensors {target.name} {episode}"))
-            env.reset(np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64))
+            one = {name: values[episode : episode + 1] for name, values in target.parameters.items()}
+            begin(env, np.zeros(1, dtype=np.int64), one, generator(self.seed, f"sensors {target.name} {episode}"))
             recordings.append(replanner.episode(env, waypoints, steps * len(waypoints), self.seed))
         return Trajectories.join(recordings)

@@ -16,7 +16,6 @@ from matplotlib.lines import Line2D
 
 from skillcli.viz.palette import look
 
-FORMATS = ("png", "pdf", "svg")
 DPI = 200
 WIDTH = 6.3  # inches, the text width of a page
 STYLE: Any = {  # matplotlib types the keys as one literal of all its settings
@@ -52,7 +51,7 @@ def blank(width: float, height: float) -> Figure:
 
 
 def encoded(drawn: Figure, suffix: str) -> bytes:
-    """The figure as one of `FORMATS`, without a date. The first time finds its layout, which is then kept."""
+    """The figure as one of `files.FORMATS`, without a date. The first time finds its layout, which is then kept."""
     dated: dict[str, dict[str, Any]] = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
     stream = io.BytesIO()
     drawn.savefig(stream, format=suffix, dpi=DPI, metadata=dated[suffix])

@@ -19,8 +19,8 @@ from matplotlib.lines import Line2D
 
 from skillcli.errors import UsageError
 from skillcli.viz import motion, panels_space, panels_time, panels_transfer
-from skillcli.viz.canvas import FORMATS, blank, encoded, legend, mark, skill_handles, styled
-from skillcli.viz.files import replacing
+from skillcli.viz.canvas import blank, encoded, legend, mark, skill_handles, styled
+from skillcli.viz.files import FORMATS, replacing
 from skillcli.viz.palette import BETWEEN, TARGET
 from skillcli.viz.scene import Scene
 

@@ -10,6 +10,8 @@ from pathlib import Path
 
 from skillcli.errors import SkillError
 
+FORMATS = ("png", "pdf", "svg")  # of figures
+
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:

@@ -13,7 +13,8 @@ from skillcli.stages.report import paper
 from skillcli.stages.report.selection import Exhibit, Material
 from skillcli.trajectories import Array
 from skillcli.viz import motion
-from skillcli.viz.canvas import FORMATS, encoded, styled
+from skillcli.viz.canvas import encoded, styled
+from skillcli.viz.files import FORMATS
 from skillcli.viz.plots import composers, interpolation, learning, point, push, reach, transfer
 from skillcli.viz.report.content import Drawing, Missing
 
@@ -99,8 +100,7 @@ def _skill_paths(material: Material) -> Plan | None:
 
 
 def _reach_compositions(material: Material) -> Plan | None:
-    composed = material.find("compose", "reach")
-    composed = [one for one in composed if one.name == composed[0].name]  # of one library: skills are told by number
+    composed = _of_one_library(material.find("compose", "reach"))
     chain = [one for one in composed if one.value("results", "task") == "u-shape"][:1]
     points = [one for one in composed if len(one.scene.waypoints) == 1]
     learned = [one for one in points if one.value("results", "method") == "ddpg"]
@@ -120,6 +120,11 @@ def _reach_compositions(material: Material) -> Plan | None:
         f"the triangle within 5 cm in simulation." + (f" Not in the store: {' and '.join(lacking)}." if lacking else "")
     )
     return Plan(caption, used, lambda: reach.compositions([one.scene for one in used], titles))
+
+
+def _of_one_library(exhibits: list[Exhibit]) -> list[Exhibit]:
+    """Those of the library that comes first: what is told by the number of a skill would mix others up."""
+    return [one for one in exhibits if one.name == exhibits[0].name]
 
 
 def _skill_pushes(material: Material) -> Plan | None:
@@ -156,11 +161,10 @@ def _mean_pushes(material: Material) -> Plan | None:
 
 
 def _searched_pushes(material: Material) -> Plan | None:
-    searched = material.find("compose", "push", lambda one: one.value("results", "method") == "search")
+    searched = _of_one_library(material.find("compose", "push", lambda one: one.value("results", "method") == "search"))
     if not searched:
         return None
-    first = searched[0].name
-    searched = sorted((one for one in searched if one.name == first), key=lambda one: one.scene.trajectories.episodes)
+    searched = sorted(searched, key=lambda one: one.scene.trajectories.episodes)
     routes = [(one, episode) for one in searched for episode in range(one.scene.trajectories.episodes)][: push.MAX_ROUTES]
     used = list(dict.fromkeys(one for one, _ in routes))
     success = sum(bool(one.scene.trajectories.success[episode]) for one, episode in routes)
@@ -236,11 +240,9 @@ def _success(material: Material) -> Plan | None:
     if not used:
         return None
     replanned = [title.split("\n")[0] for one, title in zip(used, titles, strict=True) if one.value("results", "replanned")]
-    how = (
-        f"made again on the way ({', '.join(dict.fromkeys(replanned))}) or sent as they were made"
-        if replanned
-        else ("sent as they were made")
-    )
+    how = "sent as they were made"
+    if replanned:
+        how = f"made again on the way ({', '.join(dict.fromkeys(replanned))}) or {how}"
     caption = (
         f"Share of episodes that succeed on each domain, bar: Wilson's 95 % interval. Plans are {how}, "
         "robots drawn anew for every episode. The paper reports no rates; of composed pushes it says “not able to "

@@ -20,11 +20,12 @@ class Clock(NamedTuple):
     episode: int
     first_step: int
     start: float  # s
+    time: Array  # (T+1,) s, of the recording that plays: what is shown beside it, a source say, may have another
 
-    def columns(self, time: Array, rows: slice) -> list[rr.TimeColumn]:
-        """Time columns of these rows of the episode; `time` (T+1,) s."""
-        steps = np.arange(len(time))[rows]
-        since = np.round(1e9 * (time[rows] - time[0] + self.start)).astype("timedelta64[ns]")
+    def columns(self, rows: slice) -> list[rr.TimeColumn]:
+        """Time columns of these rows of the episode."""
+        steps = np.arange(len(self.time))[rows]
+        since = np.round(1e9 * (self.time[rows] - self.time[0] + self.start)).astype("timedelta64[ns]")
         return [
             rr.TimeColumn("step", sequence=steps + self.first_step),
             rr.TimeColumn("sim_time", duration=since),
@@ -35,7 +36,7 @@ def clocks(scene: Scene) -> list[Clock]:
     """The played episodes, one after another."""
     time, played, step, start = scene.trajectories.time, list[Clock](), 0, 0.0
     for episode in motion.played(scene):
-        played.append(Clock(episode, step, start))
+        played.append(Clock(episode, step, start, time))
         length = int(scene.trajectories.length[episode])
         step += length + 1
         start += float(time[length] - time[0]) + PAUSE_S

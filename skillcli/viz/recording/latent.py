@@ -54,8 +54,8 @@ def log_moving(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
             continue
         # colour and name hold until the next episode begins; only the place changes with every step
         first = rr.Points3D.columns(colors=[color], radii=[radius], labels=labels)
-        stream.send_columns(entity, clock.columns(data.time, slice(rows.start, rows.start + 1)), first)
-        stream.send_columns(entity, clock.columns(data.time, rows), rr.Points3D.columns(positions=where))
+        stream.send_columns(entity, clock.columns(slice(rows.start, rows.start + 1)), first)
+        stream.send_columns(entity, clock.columns(rows), rr.Points3D.columns(positions=where))
     _log_source(stream, scene, clock)
     if length and np.any(data.latent[clock.episode, :length] != data.latent[clock.episode, 0]):
         strip = rr.LineStrips3D([fed], colors=[rgba(BETWEEN)], radii=latent_extent(scene) / 300)
@@ -69,7 +69,7 @@ def _log_source(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
         return
     index, length = int(scene.episode_source[clock.episode]), int(scene.trajectories.length[clock.episode])
     where = sent.trajectories.judged[index, rest_after(np.arange(length + 1), sent, index)]
-    times = clock.columns(scene.trajectories.time, slice(0, length + 1))
+    times = clock.columns(slice(0, length + 1))
     look = rr.Points3D.columns(colors=[rgba(TARGET_IN_VIEWER)], radii=[extent(scene) / 90], labels=["source"])
-    stream.send_columns("source/now", clock.columns(scene.trajectories.time, slice(0, 1)), look)
+    stream.send_columns("source/now", clock.columns(slice(0, 1)), look)
     stream.send_columns("source/now", times, rr.Points3D.columns(positions=where))

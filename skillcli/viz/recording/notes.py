@@ -31,7 +31,7 @@ def label(scene: Scene, episode: int) -> str:
 def log_card(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
     """Everything about the episode that plays, from its first step on."""
     document = rr.TextDocument.columns(text=[card(scene, clock.episode)], media_type=[rr.MediaType.MARKDOWN])
-    stream.send_columns("episode", clock.columns(scene.trajectories.time, slice(0, 1)), document)
+    stream.send_columns("episode", clock.columns(slice(0, 1)), document)
 
 
 def card(scene: Scene, episode: int) -> str:

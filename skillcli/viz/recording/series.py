@@ -23,7 +23,7 @@ def log_series(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
         said = label(scene, clock.episode) if scene.kind == "transfer-eval" else scene.episode_labels[clock.episode]
         names, colors = [said], [rgba(episode_color(scene, clock.episode))]
         stream.log(entity, rr.SeriesLines(colors=colors, names=names), static=True)
-        stream.send_columns(entity, clock.columns(scene.trajectories.time, rows), rr.Scalars.columns(scalars=values))
+        stream.send_columns(entity, clock.columns(rows), rr.Scalars.columns(scalars=values))
     _log_source(stream, scene, clock)
     for name, (rows, values) in _several(scene, clock.episode).items():
         first = 1 if name == "latent" else 0  # the arm's joints are counted from 0, as in the model
@@ -31,7 +31,7 @@ def log_series(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
         colors = [rgba(look(i).color) for i in range(len(names))]
         stream.log(f"series/{name}", rr.SeriesLines(colors=colors, names=names), static=True)
         columns = rr.Scalars.columns(scalars=values)
-        stream.send_columns(f"series/{name}", clock.columns(scene.trajectories.time, rows), columns)
+        stream.send_columns(f"series/{name}", clock.columns(rows), columns)
 
 
 def _log_source(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
@@ -44,7 +44,7 @@ def _log_source(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
     entity = f"series/distance/{key(scene, clock.episode)}-source"
     stream.log(entity, rr.SeriesLines(colors=rgba(BETWEEN), names="source"), static=True)
     columns = rr.Scalars.columns(scalars=values[rows])
-    stream.send_columns(entity, clock.columns(scene.trajectories.time, rows), columns)
+    stream.send_columns(entity, clock.columns(rows), columns)
 
 
 def _single(scene: Scene, episode: int) -> dict[str, tuple[slice, Array]]:

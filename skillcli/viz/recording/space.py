@@ -114,21 +114,18 @@ def log_model(stream: rr.RecordingStream, scene: Scene, clocks: list[Clock]) -> 
     """The bodies' shapes once, and their poses over the played episodes; in a transfer also those of the source."""
     sent = motion.sent(scene)
     roots = {"world": scene} if sent is None else {"world": scene, "source": sent}
-    every = kinematics.shapes(scene.model)
-    known = {body: form for body, form in every.items() if not (scene.other_robot and kinematics.of_arm(scene.model, body))}
-    for root in roots:
-        visible = known if root == "world" else every
+    for root, played in roots.items():
+        visible = kinematics.shapes(scene.model)
+        if scene.other_robot and played is scene:  # the arm that stands there has another shape
+            visible = {body: shapes for body, shapes in visible.items() if not kinematics.of_arm(scene.model, body)}
         for body, shapes in visible.items():
             for form in sorted({shape.form for shape in shapes}):
                 archetype = _shape_archetype(form, [shape for shape in shapes if shape.form == form])
                 stream.log(f"{_body_entity(scene, root, body)}/{form}", archetype, static=True)
-    for root, played in roots.items():
-        visible = known if root == "world" else every
         for clock in clocks:
             episode = clock.episode if played is scene else int(scene.episode_source[clock.episode])
             rows = rest_after(np.arange(int(scene.trajectories.length[clock.episode]) + 1), played, episode)
-            # the clock is the target's throughout: replanned episodes go on for longer than the source has time for
-            _log_poses(stream, played, root, episode, rows, clock, scene.trajectories.time, list(visible))
+            _log_poses(stream, played, root, episode, rows, clock, list(visible))
 
 
 def rest_after(rows: Array, scene: Scene, episode: int) -> Array:
@@ -138,9 +135,9 @@ def rest_after(rows: Array, scene: Scene, episode: int) -> Array:
 
 
 def _log_poses(
-    stream: rr.RecordingStream, scene: Scene, root: str, episode: int, rows: Array, clock: Clock, time: Array, bodies: list[int]
+    stream: rr.RecordingStream, scene: Scene, root: str, episode: int, rows: Array, clock: Clock, bodies: list[int]
 ) -> None:
-    """Poses of the bodies in these rows of an episode, on the first rows of the clock, whose `time` is (T+1,) s."""
+    """Poses of the bodies in these rows of an episode, on the first rows of the clock."""
     data = scene.trajectories
     assert data.joint_position is not None  # the caller has looked
     box = None if data.object_pose is None else data.object_pose[episode, rows]
@@ -149,7 +146,7 @@ def _log_poses(
         entity = _body_entity(scene, root, body)
         if kinematics.moves(scene.model, body):
             columns = rr.Transform3D.columns(translation=positions[:, body], quaternion=quaternions[:, body])
-            stream.send_columns(entity, clock.columns(time, slice(0, len(rows))), columns)
+            stream.send_columns(entity, clock.columns(slice(0, len(rows))), columns)
         elif clock.first_step == 0:
             pose = rr.Transform3D(translation=positions[0, body], quaternion=rr.Quaternion(xyzw=quaternions[0, body]))
             stream.log(entity, pose, static=True)
