@@ -212,7 +212,7 @@ EARNED = [
 
 
 @pytest.mark.parametrize(("distance", "finger", "reward"), EARNED)
-def test_what_is_earned_follows_from_two_distances(distance: float, finger: float, reward: float) -> None:
+def test_what_the_distances_earn(distance: float, finger: float, reward: float) -> None:
     env = PushEnvironment(TASK, 1)
     # the box so that the finger is 4.5 cm west of it, and `finger` below; the goal east of it
     env.arms.object_pose[:, :3] = env.arms.gripper_position + np.array([0.045, 0, finger])
@@ -220,6 +220,28 @@ def test_what_is_earned_follows_from_two_distances(distance: float, finger: floa
     if distance:
         assert np.linalg.norm(env.arms.gripper_position - env.behind()) == pytest.approx(finger)
     assert env.reward() == pytest.approx([reward])
+
+
+def test_a_box_is_to_be_pushed_and_not_struck() -> None:
+    env = PushEnvironment(TASK, 4)
+    env.arms.object_velocity[:, :2] = [[0, 0], [0.2, 0], [0.3, 0.4], [0, -0.3]]
+    np.testing.assert_allclose(env.reward() - env.reward()[0], [0, -5 * 0.04, -5 * 0.25, -5 * 0.09], atol=1e-12)
+
+
+# height of the box, how far the finger is above the table, what that costs
+LEANING = [(0.06, 0.012, 0.0), (0.06, 0.004, 0.06), (0.06, -0.001, 0.11), (0.02, 0.006, 0.0), (0.02, 0.003, 0.02)]
+
+
+@pytest.mark.parametrize(("box", "finger", "cost"), LEANING)
+def test_a_finger_has_to_keep_off_its_own_table(box: float, finger: float, cost: float) -> None:
+    env = PushEnvironment(TASK.model_copy(update={"box_size": (0.06, 0.06, box)}), 2)
+    env.arms.place(everyone(env), np.tile(LOW, (2, 1)), env.place_object(everyone(env)))
+    height = float(env.arms.gripper_position[0, 2])
+    env.perturb({"table_height": np.array([0.0, height - finger])}, np.random.default_rng(0))
+    env.arms.place(everyone(env), np.tile(LOW, (2, 1)), env.place_object(everyone(env)))
+    env.arms.object_pose[:, 2] = height  # as high as the finger in both: how far it is from behind is the same
+    high, low = env.reward()
+    assert high - low == pytest.approx(cost)
 
 
 def test_the_recipes_box_is_in_the_model() -> None:
