@@ -46,7 +46,7 @@ PARAMETERS: dict[str, Parameter] = {
     "joint_damping": Parameter(7, "factor", "viscous damping of each joint", 0, 1000),
     "joint_friction": Parameter(7, "factor", "dry friction of each joint", 0, 1000),
     "gain": Parameter(7, "factor", "stiffness of each servo, its damping with it", 0, 1000),
-    "contact_friction": Parameter(1, "factor", "sliding friction of table and box", 0, 100),
+    "contact_friction": Parameter(1, "factor", "sliding friction of table, box and finger", 0, 100),
     "table_height": Parameter(1, "m", "offset of the table top", -0.2, 0.2),
     "table_tilt": Parameter(2, "rad", "rotation of the table about the middle of its top, about x and y", -0.2, 0.2),
     "latency": Parameter(1, "s", f"delay between a command and its effect, at most {MAX_LATENCY} s", 0, MAX_LATENCY),

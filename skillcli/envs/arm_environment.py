@@ -61,7 +61,7 @@ class ArmEnvironment:
         self._joint_offset: Array | None = None  # rad
         self._sensors: Sensors | None = None  # None: everything is measured as it is
         self._disturbance: Disturbance | None = None
-        self._clearance = Clearance(self.arms.model)
+        self._clearance: Clearance | None = None  # made when it is first asked for
         self.reset(np.arange(num), np.zeros(num, dtype=np.int64))
 
     def position(self) -> Array:
@@ -213,9 +213,11 @@ class ArmEnvironment:
 
     def violations(self) -> Array:
         """See `Environment`."""
+        if self._clearance is None:
+            self._clearance = Clearance(self.arms.model)
         past = self.arms.past_range().max(axis=1) > RANGE_TOLERANCE
         fast = (np.abs(self.arms.joint_velocity) > VELOCITY_LIMIT).any(axis=1)
-        deep = self._clearance.height(*self.arms.geom_frames(), within=0.0) < -self.table_tolerance
+        deep = self._clearance.depth(*self.arms.geom_frames()) > self.table_tolerance
         return np.stack([past, fast, deep], axis=1)
 
     def save(self, ids: Array) -> Array:

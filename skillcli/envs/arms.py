@@ -19,6 +19,7 @@ Array = NDArray[Any]
 _NEW_STATE = int(mujoco.mjtStage.mjSTAGE_VEL)
 
 OBJECT = "box"
+CONTACT_FORCE = "contact_force"  # the sensor of what touches the arm, in scenes that have one
 
 # A simulation beyond these is unstable: whole turns of a joint or hundreds of metres, and speeds of another world.
 _FARTHEST, _FASTEST = 100.0, 1000.0
@@ -71,6 +72,9 @@ class Arms:
             joint = model.joint(OBJECT)
             self._object_qpos = slice(joint.qposadr[0], joint.qposadr[0] + 7)
             self._object_qvel = slice(joint.dofadr[0], joint.dofadr[0] + 6)
+        if any(model.sensor(k).name == CONTACT_FORCE for k in range(model.nsensor)):
+            first = model.sensor(CONTACT_FORCE).adr[0]
+            self._contact_force = slice(first, first + 3)
         self._qvel = self.batch.bind("qvel")
         self._default_row = self.batch.state[0].copy()
         self._perturbed: set[str] = set()  # model fields that differ between simulations
@@ -122,6 +126,12 @@ class Arms:
         """Velocity of the object, linear in the base frame and angular in its own, (N, 6) m/s and rad/s; a live view."""
         velocity: Array = self._qvel[:, self._object_qvel]
         return velocity
+
+    @property
+    def contact_force(self) -> Array:
+        """Net force of the arm on all that it touches, in the last physics step, (N, 3) N; a live view."""
+        force: Array = self.batch.bind("sensordata")[:, self._contact_force]
+        return force
 
     def place(self, ids: Array, joint_position: Array, object_pose: Array | None = None) -> None:
         """Put arms at rest at joint positions (n, 7) rad, clipped to the joint range, their servos holding them there.

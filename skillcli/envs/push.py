@@ -9,7 +9,7 @@ import numpy as np
 
 from skillcli.envs import sawyer, table
 from skillcli.envs.arm_environment import ArmEnvironment
-from skillcli.envs.arms import OBJECT
+from skillcli.envs.arms import CONTACT_FORCE, OBJECT
 from skillcli.envs.environment import Array
 from skillcli.envs.robot import Robot
 from skillcli.envs.safety import SOFT_TABLE_TOLERANCE
@@ -24,10 +24,12 @@ IMPRATIO = 10.0
 TABLE_SOLREF, TABLE_SOLIMP = (0.015, 1.0), (0.0, 0.998, 0.003, 0.5, 1.0)
 FINGER_SOLREF, FINGER_SOLIMP = (0.0125, 1.0), (0.0, 0.998, 0.002, 0.5, 1.0)
 TORSION, ROLLING = 0.005, 1e-4  # m, MuJoCo's own
+NET_FORCE = 3  # as contact sensors count their ways to reduce several contacts
 
 # The finger should stand this far behind the face that it pushes, m: the radius of its ball, nearly touching.
 CONTACT_GAP = 0.015
-CLEARANCE = 0.01  # m: the arm is to keep this far off the table
+CLEARANCE = 0.01  # m: the finger is to keep this far off the table
+FIRM, CRUSHING = 5.0, 20.0  # weights of the box: forces on the arm from which on pressing costs, and costs no more
 LIFTED = 0.05  # m above its rest: a box that flies
 THROWN = 2.0  # m/s: three times what the fastest push gives it
 LOST = -15.0  # reward of losing the box: worse than any way of going on, else losing it would end the costs
@@ -53,7 +55,17 @@ def push_spec(task: PushTask, delay: bool = False, robot: Robot | None = None) -
         solref=TABLE_SOLREF,
         solimp=TABLE_SOLIMP,
     )
-    for name in (robot.names if robot else sawyer.NAMES).finger:
+    names = robot.names if robot else sawyer.NAMES
+    arm = spec.joint(names.joints[0]).parent
+    arm.name = arm.name or "arm"  # models of others need not name it
+    spec.add_sensor(
+        name=CONTACT_FORCE,
+        type=mujoco.mjtSensor.mjSENS_CONTACT,
+        objtype=mujoco.mjtObj.mjOBJ_XBODY,  # of a body and all that hangs on it: the arm
+        objname=arm.name,
+        intprm=[1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), NET_FORCE, 1],
+    )
+    for name in names.finger:
         finger = spec.geom(name)
         finger.priority, finger.condim = 3, 4  # and this against the box
         finger.friction, finger.solref, finger.solimp = [task.friction, TORSION, ROLLING], FINGER_SOLREF, FINGER_SOLIMP
@@ -90,6 +102,7 @@ class PushEnvironment(ArmEnvironment):
         self._robot = np.tile(np.array([1.0, 1.0, 1.0, 0.0]), (num, 1))
         goals = np.array([[*(self._box_start + goal), 0.0] for goal in task.goals])
         super().__init__(task, push_spec(task, delay, robot), goals, num, threads, robot)
+        self._weight = task.box_mass * float(np.linalg.norm(self.arms.model.opt.gravity))
 
     def place_object(self, ids: Array) -> Array:
         """See `ArmEnvironment`; at rest on the table."""
@@ -103,11 +116,18 @@ class PushEnvironment(ArmEnvironment):
 
     def _rest(self, xy: Array, ids: Array | slice) -> Array:
         """How high the centre of a box is that lies on the table at places (n, 2) m, (n,) m."""
-        half, height = self._half_height[ids], self._table_height[ids]
+        half = self._half_height[ids]
+        if self._tilt is not None:
+            half = half / table.normal(self._tilt[ids])[:, 2]
+        rest: Array = self._surface(xy, ids) + half
+        return rest
+
+    def _surface(self, xy: Array, ids: Array | slice) -> Array:
+        """How high the tops of these robots' tables are at places (n, 2) m, (n,) m."""
         if self._tilt is None:
-            rest: Array = sawyer.TABLE_TOP + height + half
-            return rest
-        return table.surface(xy, height, self._tilt[ids]) + half / table.normal(self._tilt[ids])[:, 2]
+            level: Array = sawyer.TABLE_TOP + self._table_height[ids]
+            return level
+        return table.surface(xy, self._table_height[ids], self._tilt[ids])
 
     def position(self) -> Array:
         """See `ArmEnvironment`."""
@@ -145,8 +165,10 @@ class PushEnvironment(ArmEnvironment):
           detour round the box, and are worth it
         - minus 5 times the square of the box's speed, in m/s: it is to be pushed, not struck. Where a struck box stops hangs on
           the instant and the place of one touch, and differs from robot to robot.
-        - minus 10 times how far the lowest part of the arm is lower than 1 cm above the table: else fingers lean on it with up to
-          200 N. Of a box lower than 4 cm a quarter of its height is what counts.
+        - minus 10 times how far the finger is lower than 1 cm above the table; of a box lower than 4 cm a quarter of its height
+          counts instead. Without it fingers lean on the table with up to 200 N.
+        - minus up to 0.3 for pressing, from a force of 5 weights of the box on the arm to one of 20: a push takes less than one. A
+          box that is jammed or pressed from above sinks into the table.
 
         The step that loses the box earns `LOST` instead.
         """
@@ -155,9 +177,13 @@ class PushEnvironment(ArmEnvironment):
         near = np.maximum(0.0, 1.0 - distance / 0.03)
         inside = np.maximum(0.0, 1.0 - distance / 0.05)
         struck = (self.arms.object_velocity[:, :2] ** 2).sum(axis=1)
-        room = np.minimum(CLEARANCE, self._half_height / 2)
-        low = np.maximum(0.0, room - self._clearance.height(*self.arms.geom_frames(), within=CLEARANCE))
-        shaped: Array = -2.0 * distance - 0.5 * finger * (1.0 - near) + 0.3 * inside - 5.0 * struck - 10.0 * low
+        gripper = self.arms.gripper_position
+        height = gripper[:, 2] - self._surface(gripper[:, :2], slice(None))
+        low = np.maximum(0.0, np.minimum(CLEARANCE, self._half_height / 2) - height)
+        weights = np.linalg.norm(self.arms.contact_force, axis=1) / self._weight
+        pressed = np.clip((weights - FIRM) / (CRUSHING - FIRM), 0.0, 1.0)
+        costs = 5.0 * struck + 10.0 * low + 0.3 * pressed
+        shaped: Array = -2.0 * distance - 0.5 * finger * (1.0 - near) + 0.3 * inside - costs
         return shaped
 
     def failed(self) -> Array:

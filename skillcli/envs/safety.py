@@ -23,7 +23,7 @@ SOFT_TABLE_TOLERANCE = 2e-3
 
 
 class Clearance:
-    """How high an arm is above the table, or how deep in it.
+    """How deep an arm is in the table.
 
     Every geom of the arm that collides at all is covered by points, each with a radius: capsules and spheres by balls
     along their axes, boxes by their corners, cylinders by their rims, anything else by the corners of its bounding box.
@@ -32,48 +32,26 @@ class Clearance:
     def __init__(self, model: mujoco.MjModel) -> None:
         self._table = model.geom("table").id
         self._half = model.geom_size[self._table].copy()
-        self._geoms = [geom for geom in range(model.ngeom) if _is_arm(model, geom)]
-        covers = [_cover(model, geom) for geom in self._geoms]
-        self._covers = [points for points, _ in covers]
+        geoms = [geom for geom in range(model.ngeom) if _is_arm(model, geom)]
+        covers = [_cover(model, geom) for geom in geoms]
+        self._points = np.concatenate([np.zeros((0, 3)), *(points for points, _ in covers)])
         self._radii = np.concatenate([np.zeros(0), *(np.full(len(points), radius) for points, radius in covers)])
-        self._bounds = model.geom_rbound[self._geoms]
+        self._owners = np.repeat(np.array(geoms, dtype=int), [len(points) for points, _ in covers])
 
-    def height(self, position: Array, rotation: Array, within: float) -> Array:
-        """How far the lowest part over the table is above its top: negative inside it, infinite from `within` upwards.
+    def depth(self, position: Array, rotation: Array) -> Array:
+        """How far the deepest part is below the table top, within the table's rectangle, (N,) m; 0 where none is.
 
         Args:
             position: (N, G, 3) m, of all geoms.
             rotation: (N, G, 9), of all geoms.
-            within: m; arms that are higher cost next to nothing.
-
-        Returns:
-            (N,) m.
         """
-        top = rotation[:, self._table].reshape(-1, 3, 3)
-        centre = np.einsum(
-            "nij,ngi->ngj", top, position[:, self._geoms] - position[:, self._table, None]
-        )  # as the table sees it
-        beside = np.abs(centre[..., :2]) - self._bounds[:, None] > self._half[:2]
-        near = ~beside.any(axis=2) & (centre[..., 2] - self._bounds - self._half[2] < within)
-        ids = np.flatnonzero(near.any(axis=1))
-        lowest = np.full(len(position), np.inf)
-        lowest[ids] = self._lowest(top[ids], centre[ids], rotation[ids][:, self._geoms])
-        lowest[lowest >= within] = np.inf
-        return lowest
-
-    def _lowest(self, top: Array, centre: Array, rotation: Array) -> Array:
         frame = rotation.reshape(*rotation.shape[:2], 3, 3)
-        turned = np.einsum("nij,ngik->ngjk", top, frame)  # the geoms' frames, as the table sees them
-        points = np.empty((len(top), 3, len(self._radii)))
-        first = 0
-        for g, cover in enumerate(self._covers):  # one large product per geom: several times as fast as one for all
-            part = slice(first, first + len(cover))
-            points[:, :, part] = (turned[:, g].reshape(-1, 3) @ cover.T).reshape(-1, 3, len(cover)) + centre[:, g, :, None]
-            first = part.stop
-        over = (np.abs(points[:, :2]) <= self._half[:2, None]).all(axis=1)
-        above = points[:, 2] - self._radii - self._half[2]
-        lowest: Array = np.where(over, above, np.inf).min(axis=1, initial=np.inf)
-        return lowest
+        each = position[:, self._owners] + np.einsum("npij,pj->npi", frame[:, self._owners], self._points)
+        on_table = np.einsum("npi,nij->npj", each - position[:, self._table, None], frame[:, self._table])
+        over = (np.abs(on_table[..., :2]) <= self._half[:2]).all(axis=2)
+        below: Array = self._half[2] - (on_table[..., 2] - self._radii)
+        deepest: Array = np.where(over, below, 0.0).max(axis=1, initial=0.0)
+        return deepest
 
 
 def _is_arm(model: mujoco.MjModel, geom: int) -> bool:

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from skillcli.envs.arms import Arms
 from skillcli.envs.push import LOST, PushEnvironment
 from skillcli.recipe import PushTask
 from skillcli.trajectories import Array
@@ -242,6 +243,34 @@ def test_a_finger_has_to_keep_off_its_own_table(box: float, finger: float, cost:
     env.arms.object_pose[:, 2] = height  # as high as the finger in both: how far it is from behind is the same
     high, low = env.reward()
     assert high - low == pytest.approx(cost)
+
+
+def test_pressing_costs_from_five_weights_of_the_box_to_twenty(monkeypatch: pytest.MonkeyPatch) -> None:
+    weight = 0.3 * GRAVITY
+    forces = np.array([[0, 0, 0], [0, 0, 5.0], [6.0, 0, -8.0], [0, 12.5, 0], [0, 0, -20], [300, 0, 0]]) * weight
+    env = PushEnvironment(TASK, len(forces))
+    monkeypatch.setattr(Arms, "contact_force", forces)
+    np.testing.assert_allclose(env.reward()[0] - env.reward(), [0, 0, 0.1, 0.15, 0.3, 0.3], atol=1e-3)
+
+
+def test_the_force_on_what_the_arm_touches_is_that_of_its_contacts() -> None:
+    env = PushEnvironment(TASK, 2)
+    env.arms.place(everyone(env), np.array([BESIDE, TASK.start]), env.place_object(everyone(env)))
+    for t in range(60):  # the first arm leans on the table, and comes to rest
+        env.step(np.array([[0, 0.5 * (t < 20), 0, 0, 0, 0, 0], np.zeros(7)]))
+    data = mujoco.MjData(env.arms.model)
+    for field in ("qpos", "qvel", "ctrl"):
+        getattr(data, field)[:] = env.arms.batch.bind(field)[0]
+    mujoco.mj_forward(env.arms.model, data)
+    box, table, wrench, force = env.arms.model.geom("box").id, env.arms.model.geom("table").id, np.zeros(6), np.zeros(3)
+    for number, contact in enumerate(data.contact):
+        if box not in contact.geom:
+            mujoco.mj_contactForce(env.arms.model, data, number, wrench)
+            on_second = wrench[:3] @ contact.frame.reshape(3, 3)
+            force += on_second if contact.geom[1] == table else -on_second
+    assert force[2] < -20.0
+    np.testing.assert_allclose(env.arms.contact_force[0], force, atol=0.02 * abs(force[2]))
+    np.testing.assert_array_equal(env.arms.contact_force[1], 0.0, err_msg="the box lies on the table without the arm's help")
 
 
 def test_the_recipes_box_is_in_the_model() -> None:
