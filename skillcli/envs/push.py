@@ -167,8 +167,8 @@ class PushEnvironment(ArmEnvironment):
           the instant and the place of one touch, and differs from robot to robot.
         - minus 10 times how far the finger is lower than 1 cm above the table; of a box lower than 4 cm a quarter of its height
           counts instead. Without it fingers lean on the table with up to 200 N.
-        - minus up to 0.3 for pressing, from a force of 5 weights of the box on the arm to one of 20: a push takes less than one. A
-          box that is jammed or pressed from above sinks into the table.
+        - minus up to 0.3 for pressing, from a force of 5 weights of the box on the arm to one of 20: a push takes less than
+          one. A box that is jammed or pressed from above sinks into the table.
 
         The step that loses the box earns `LOST` instead.
         """
