@@ -56,13 +56,11 @@ def push_spec(task: PushTask, delay: bool = False, robot: Robot | None = None) -
         solimp=TABLE_SOLIMP,
     )
     names = robot.names if robot else sawyer.NAMES
-    arm = spec.joint(names.joints[0]).parent
-    arm.name = arm.name or "arm"  # models of others need not name it
     spec.add_sensor(
         name=CONTACT_FORCE,
         type=mujoco.mjtSensor.mjSENS_CONTACT,
         objtype=mujoco.mjtObj.mjOBJ_XBODY,  # of a body and all that hangs on it: the arm
-        objname=arm.name,
+        objname=spec.joint(names.joints[0]).parent.name,
         intprm=[1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), NET_FORCE, 1],
     )
     for name in names.finger:
