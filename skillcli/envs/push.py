@@ -29,7 +29,7 @@ NET_FORCE = 3  # as contact sensors count their ways to reduce several contacts
 # The finger should stand this far behind the face that it pushes, m: the radius of its ball, nearly touching.
 CONTACT_GAP = 0.015
 CLEARANCE = 0.01  # m: the finger is to keep this far off the table
-FIRM, CRUSHING = 5.0, 20.0  # weights of the box: forces on the arm from which on pressing costs, and costs no more
+FIRM, CRUSHING = 2.0, 10.0  # weights of the box: downward forces from which on pressing costs, and costs no more
 LIFTED = 0.05  # m above its rest: a box that flies
 THROWN = 2.0  # m/s: three times what the fastest push gives it
 LOST = -15.0  # reward of losing the box: worse than any way of going on, else losing it would end the costs
@@ -165,8 +165,8 @@ class PushEnvironment(ArmEnvironment):
           the instant and the place of one touch, and differs from robot to robot.
         - minus 10 times how far the finger is lower than 1 cm above the table; of a box lower than 4 cm a quarter of its height
           counts instead. Without it fingers lean on the table with up to 200 N.
-        - minus up to 0.3 for pressing, from a force of 5 weights of the box on the arm to one of 20: a push takes less than
-          one. A box that is jammed or pressed from above sinks into the table.
+        - minus up to 0.3 for pressing down on table or box, from a force of 2 weights of the box to one of 10: a box that is
+          pressed from above sinks into the table. Forces to the sides are free: they are what pushes.
 
         The step that loses the box earns `LOST` instead.
         """
@@ -178,7 +178,7 @@ class PushEnvironment(ArmEnvironment):
         gripper = self.arms.gripper_position
         height = gripper[:, 2] - self._surface(gripper[:, :2], slice(None))
         low = np.maximum(0.0, np.minimum(CLEARANCE, self._half_height / 2) - height)
-        weights = np.linalg.norm(self.arms.contact_force, axis=1) / self._weight
+        weights = -self.arms.contact_force[:, 2] / self._weight
         pressed = np.clip((weights - FIRM) / (CRUSHING - FIRM), 0.0, 1.0)
         costs = 5.0 * struck + 10.0 * low + 0.3 * pressed
         shaped: Array = -2.0 * distance - 0.5 * finger * (1.0 - near) + 0.3 * inside - costs
