@@ -7,10 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
+from skillcli.pushing import place_behind, share
 from skillcli.trajectories import Array
 
 CAUTION = 0.5  # standard deviations over the robots that count on top of their mean
-FADE = 0.03  # m from a waypoint within which the place behind the box, which jumps there, counts less and less
 
 
 def cautious(values: Array) -> Array:
@@ -38,7 +38,7 @@ class Route:
 
     waypoints: Array  # (W, 3) m
     tolerance: float  # m, a waypoint before the last is passed within this
-    standoff: float = 0.0  # m from the centre of the box to the gripper that pushes it
+    half_edges: tuple[float, float] = (0.0, 0.0)  # m, half of the edges of the box along x and y
     approach: float = 0.25  # metres to go that a metre between gripper and that place counts for
 
     def follow(self, due: Array, path: Array, within: float = 0.0) -> Walk:
@@ -66,10 +66,9 @@ class Route:
 
     def left(self, due: Array, points: Array) -> Array:
         """Metres to go for landmarks (..., L, 3) m: to the waypoint due, on through the others, and the approach; (...,)."""
-        gap = np.linalg.norm(points[..., 0, :] - self.waypoints[due], axis=-1)
         left = self.way(due, points)
         if points.shape[-2] > 1:
-            left += self.approach * np.minimum(gap / FADE, 1.0) * self.detour(due, points)
+            left += self.approach * self.detour(due, points)
         return left
 
     def way(self, due: Array, points: Array) -> Array:
@@ -89,9 +88,11 @@ class Route:
         return gap
 
     def detour(self, due: Array, points: Array) -> Array:
-        """From the gripper to where it can push the box straight at the waypoint, seen from above, (...,) m."""
-        box, gripper = points[..., 0, :2], points[..., 1, :2]
-        gap = self.waypoints[due, :2] - box
-        direction = gap / np.maximum(np.linalg.norm(gap, axis=-1, keepdims=True), 1e-6)
-        distance: Array = np.linalg.norm(gripper - (box - self.standoff * direction), axis=-1)
-        return distance
+        """From the gripper to where it can push the box straight at the waypoint, seen from above, (...,) m.
+
+        Counts less and less within `pushing.FADE` of the waypoint.
+        """
+        box, gripper, goal = points[..., 0, :2], points[..., 1, :2], self.waypoints[due, :2]
+        way = np.linalg.norm(gripper - place_behind(box, goal, np.array(self.half_edges)), axis=-1)
+        detour: Array = share(np.linalg.norm(goal - box, axis=-1)) * way
+        return detour

@@ -46,7 +46,7 @@ class Settings:
     weight: float  # of the heuristic: 0 uniform cost, 1 A*, above 1 bounded suboptimal (Pohl 1970)
     max_speed: float  # m/s of the judged point, for the heuristic, 0 for none
     approach_speed: float  # m/s of the gripper on its way behind the box, 0 where there is none
-    standoff: float  # m from the centre of the box to the gripper that pushes it
+    half_edges: tuple[float, float]  # m, half of the edges of the box along x and y, 0 where there is none
     final_speed: float  # m/s, the last waypoint counts as met only at or below this
     budget: int  # expanded nodes
 
@@ -64,7 +64,7 @@ class UniformCostSearch:
 
     def __init__(self, root: Array, points: Array, waypoints: Array, choices: Choices, settings: Settings) -> None:
         self.waypoints, self.choices, self.settings = waypoints, choices, settings
-        self._route = Route(waypoints, settings.tolerance, settings.standoff)
+        self._route = Route(waypoints, settings.tolerance, settings.half_edges)
         start = Node(None, -1, 0, 0.0, np.zeros(len(points), dtype=int), points, root, 0.0)
         self._order = itertools.count()
         self._open: list[tuple[float, int, Node]] = [(self._priority(start), next(self._order), start)]
@@ -176,11 +176,13 @@ class UniformCostSearch:
         return float(cautious(self._route.way(node.due, node.points)))
 
     def _priority(self, node: Node) -> float:
-        if self.settings.max_speed <= 0 or self._met(node):
+        if self._met(node):
             return node.cost
-        # each waypoint may be met a tolerance early and left a tolerance late: less way than the straight one
-        slack = self.settings.tolerance * (2 * (len(self.waypoints) - int(node.due.min())) - 1)
-        seconds = max(0.0, self._remaining(node) - slack) / self.settings.max_speed
+        seconds = 0.0
+        if self.settings.max_speed > 0:
+            # each waypoint may be met a tolerance early and left a tolerance late: less way than the straight one
+            slack = self.settings.tolerance * (2 * (len(self.waypoints) - int(node.due.min())) - 1)
+            seconds += max(0.0, self._remaining(node) - slack) / self.settings.max_speed
         if self.settings.approach_speed > 0:
             seconds += float(cautious(self._route.detour(node.due, node.points))) / self.settings.approach_speed
         return node.cost + self.settings.weight * seconds / self.settings.step_seconds

@@ -105,7 +105,10 @@ class ArmEnvironment:
         self._begin(ids, skill)
 
     def _place(self, ids: Array) -> None:
-        self.arms.place(ids, self._start + self._start_offset[ids], self.place_object(ids))
+        self._put(ids, self.place_object(ids))
+
+    def _put(self, ids: Array, object_pose: Array | None) -> None:
+        self.arms.place(ids, self._start + self._start_offset[ids], object_pose)
 
     def _begin(self, ids: Array, skill: Array) -> None:
         self._elapsed[ids] = 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -12,7 +13,9 @@ from skillcli.envs.arm_environment import ArmEnvironment
 from skillcli.envs.arms import CONTACT_FORCE, OBJECT
 from skillcli.envs.environment import Array
 from skillcli.envs.robot import Robot
-from skillcli.envs.safety import SOFT_TABLE_TOLERANCE
+from skillcli.envs.safety import SOFT_TABLE_TOLERANCE, Cover
+from skillcli.errors import UsageError
+from skillcli.pushing import CONTACT_GAP, place_behind, share
 from skillcli.recipe import PushTask
 
 # Contact. The friction cone is elliptic, else friction would depend on the direction of a push; condim 4 adds the torsion
@@ -26,13 +29,14 @@ FINGER_SOLREF, FINGER_SOLIMP = (0.0125, 1.0), (0.0, 0.998, 0.002, 0.5, 1.0)
 TORSION, ROLLING = 0.005, 1e-4  # m, MuJoCo's own
 NET_FORCE = 3  # as contact sensors count their ways to reduce several contacts
 
-# The finger should stand this far behind the face that it pushes, m: the radius of its ball, nearly touching.
-CONTACT_GAP = 0.015
 CLEARANCE = 0.01  # m: the finger is to keep this far off the table
+START_GAP = 0.002  # m: between arm and box at a start
 FIRM, CRUSHING = 2.0, 10.0  # weights of the box: downward forces from which on pressing costs, and costs no more
 LIFTED = 0.05  # m above its rest: a box that flies
 THROWN = 2.0  # m/s: three times what the fastest push gives it
-LOST = -15.0  # reward of losing the box: worse than any way of going on, else losing it would end the costs
+# Reward of losing the box, else losing it would end the costs: worse than to stand still for good with the box 30 cm from its
+# goal, which is the farthest that the shipped recipes start, at a discount of 0.97 a step.
+LOST = -30.0
 
 
 def push_spec(task: PushTask, delay: bool = False, robot: Robot | None = None) -> mujoco.MjSpec:
@@ -70,11 +74,6 @@ def push_spec(task: PushTask, delay: bool = False, robot: Robot | None = None) -
     return spec
 
 
-def pushing_distance(task: PushTask) -> float:
-    """How far from the centre of the box the finger is that pushes one of its faces, m."""
-    return float(np.mean(task.box_size[:2])) / 2 + CONTACT_GAP
-
-
 class PushEnvironment(ArmEnvironment):
     """N Sawyer arms with a box each.
 
@@ -95,12 +94,17 @@ class PushEnvironment(ArmEnvironment):
         self._box_start = np.array(task.box_start)
         self._table_height, self._box_offset = np.zeros(num), np.zeros((num, 2))
         self._tilt: Array | None = None  # (N, 2) rad, of the table
-        self._half_height = np.full(num, task.box_size[2] / 2)
-        self._pushing_distance: Array = np.full((num, 1), pushing_distance(task))
+        self._half_edges = np.tile(np.array(task.box_size) / 2, (num, 1))
         self._robot = np.tile(np.array([1.0, 1.0, 1.0, 0.0]), (num, 1))
         goals = np.array([[*(self._box_start + goal), 0.0] for goal in task.goals])
         super().__init__(task, push_spec(task, delay, robot), goals, num, threads, robot)
         self._weight = task.box_mass * float(np.linalg.norm(self.arms.model.opt.gravity))
+        if not np.allclose(self.arms.object_pose[0, :2], self._box_start):
+            size, place = (", ".join(f"{x:g}" for x in numbers) for numbers in (task.box_size, task.box_start))
+            raise UsageError(
+                f"the arm starts inside the box of ({size}) m at ({place})",
+                "make the box lower, or start the arm higher or beside it: task.start, or start of the robot's file",
+            )
 
     def place_object(self, ids: Array) -> Array:
         """See `ArmEnvironment`; at rest on the table."""
@@ -112,9 +116,25 @@ class PushEnvironment(ArmEnvironment):
             pose[:, 3:] = table.quaternion(self._tilt[ids])
         return pose
 
+    def _place(self, ids: Array) -> None:
+        """Put the arms at their starts, and boxes that would stand in an arm beside it."""
+        super()._place(ids)
+        pose = self.arms.object_pose[ids]
+        balls = self._cover.centres(*(values[ids] for values in self.arms.geom_frames()))
+        aside = _way_out(pose[:, :3], self._half_edges[ids] + START_GAP, balls, self._cover.radii)
+        inside = aside.any(axis=1)
+        if inside.any():
+            pose[:, :2] += aside
+            pose[:, 2] = self._rest(pose[:, :2], ids)
+            self._put(ids[inside], pose[inside])
+
+    @cached_property
+    def _cover(self) -> Cover:
+        return Cover(self.arms.model)
+
     def _rest(self, xy: Array, ids: Array | slice) -> Array:
         """How high the centre of a box is that lies on the table at places (n, 2) m, (n,) m."""
-        half = self._half_height[ids]
+        half = self._half_edges[ids, 2]
         if self._tilt is not None:
             half = half / table.normal(self._tilt[ids])[:, 2]
         rest: Array = self._surface(xy, ids) + half
@@ -142,15 +162,9 @@ class PushEnvironment(ArmEnvironment):
         return np.stack([self.judged(), self.arms.gripper_position], axis=1)
 
     def behind(self) -> Array:
-        """Where the finger has to be to push the box straight at its goal, (N, 3) m.
-
-        On the far side of the box from the goal, a contact gap outside its face, half-way up the box.
-        """
-        box = self.arms.object_pose
-        gap = self.target[:, :2] - box[:, :2]
-        direction = gap / np.maximum(np.linalg.norm(gap, axis=1, keepdims=True), 1e-6)
-        point: Array = box[:, :3].copy()
-        point[:, :2] -= self._pushing_distance * direction
+        """Where the finger has to be to push the box straight at its goal, (N, 3) m; half-way up the box."""
+        point: Array = self.arms.object_pose[:, :3].copy()
+        point[:, :2] = place_behind(point[:, :2], self.target[:, :2], self._half_edges[:, :2])
         return point
 
     def reward(self) -> Array:
@@ -172,16 +186,15 @@ class PushEnvironment(ArmEnvironment):
         """
         distance = np.linalg.norm(self.target[:, :2] - self.arms.object_pose[:, :2], axis=1)
         finger = np.linalg.norm(self.arms.gripper_position - self.behind(), axis=1)
-        near = np.maximum(0.0, 1.0 - distance / 0.03)
         inside = np.maximum(0.0, 1.0 - distance / 0.05)
         struck = (self.arms.object_velocity[:, :2] ** 2).sum(axis=1)
         gripper = self.arms.gripper_position
         height = gripper[:, 2] - self._surface(gripper[:, :2], slice(None))
-        low = np.maximum(0.0, np.minimum(CLEARANCE, self._half_height / 2) - height)
+        low = np.maximum(0.0, np.minimum(CLEARANCE, self._half_edges[:, 2] / 2) - height)
         weights = -self.arms.contact_force[:, 2] / self._weight
         pressed = np.clip((weights - FIRM) / (CRUSHING - FIRM), 0.0, 1.0)
         costs = 5.0 * struck + 10.0 * low + 0.3 * pressed
-        shaped: Array = -2.0 * distance - 0.5 * finger * (1.0 - near) + 0.3 * inside - costs
+        shaped: Array = -2.0 * distance - 0.5 * finger * share(distance) + 0.3 * inside - costs
         return shaped
 
     def failed(self) -> Array:
@@ -190,7 +203,7 @@ class PushEnvironment(ArmEnvironment):
         box = np.nan_to_num(self.arms.object_pose[:, :3], posinf=0.0, neginf=0.0)
         height, rest = box[:, 2], self._rest(box[:, :2], slice(None))
         speed = np.abs(self.arms.object_velocity[:, :3]).max(axis=1)
-        lost: Array = broken | (height < rest - self._half_height) | (height > rest + LIFTED) | ~(speed < THROWN)
+        lost: Array = broken | (height < rest - self._half_edges[:, 2]) | (height > rest + LIFTED) | ~(speed < THROWN)
         return lost
 
     def privileged(self) -> Array:
@@ -209,9 +222,7 @@ class PushEnvironment(ArmEnvironment):
         self._box_offset = parameters.get("object_offset", np.zeros((self.num, 2)))
         tilt, size = parameters.get("table_tilt"), parameters.get("object_size", one)
         self._tilt = tilt if tilt is not None and tilt.any() else None
-        nominal = pushing_distance(self._task)
-        self._half_height = size * self._task.box_size[2] / 2
-        self._pushing_distance = (nominal + (size - 1.0) * (nominal - CONTACT_GAP))[:, None]
+        self._half_edges = size[:, None] * np.array(self._task.box_size) / 2
         gain = parameters.get("gain", np.ones((self.num, 7))).mean(axis=1)
         friction, mass = parameters.get("contact_friction", one), parameters.get("object_mass", one)
         self._robot = np.stack([friction, mass, gain, parameters.get("latency", zero) / self.control_period], axis=1)
@@ -223,7 +234,7 @@ class PushEnvironment(ArmEnvironment):
             return pose
         gripper = self._true()[:, 7:] + pose[:, :3]
         pose[:, :3] = gripper - self._measured[:, 7:]
-        half = self._sensors.angle_error(self._pushing_distance[:, 0]) / 2
+        half = self._sensors.angle_error(self._half_edges[:, :2].mean(axis=1) + CONTACT_GAP) / 2
         w, x, y, z = pose[:, 3:].T
         cosine, sine = np.cos(half), np.sin(half)  # a turn about the vertical, then the pose
         pose[:, 3:] = np.stack([cosine * w - sine * z, cosine * x - sine * y, cosine * y + sine * x, cosine * z + sine * w], 1)
@@ -245,3 +256,26 @@ class PushEnvironment(ArmEnvironment):
     def snapshot(self) -> dict[str, Array]:
         """See `Environment`."""
         return {**super().snapshot(), "object_pose": self.arms.object_pose.copy()}
+
+
+def _way_out(box: Array, half: Array, balls: Array, radii: Array) -> Array:
+    """How far boxes have to go sideways, the shortest way each time, until no ball overlaps them, (n, 2) m.
+
+    Args:
+        box: (n, 3) m, centres of boxes that stand along the axes.
+        half: (n, 3) m, half of their edges.
+        balls: (n, P, 3) m, centres.
+        radii: (P,) m.
+    """
+    aside, each = np.zeros((len(box), 2)), np.arange(len(box))
+    for _ in range(len(radii)):
+        away = box[:, None] - balls
+        away[..., :2] += aside[:, None]
+        inside = half[:, None] + radii[:, None] - np.abs(away)  # (n, P, 3) along each axis
+        depth = np.where((inside > 0).all(axis=2), inside[..., :2].min(axis=2), 0.0)
+        if not depth.any():
+            break
+        deepest = depth.argmax(axis=1)
+        axis = inside[each, deepest, :2].argmin(axis=1)
+        aside[each, axis] += np.copysign(depth[each, deepest], away[each, deepest, axis])
+    return aside

@@ -22,21 +22,39 @@ STIFF_TABLE_TOLERANCE = 5e-5
 SOFT_TABLE_TOLERANCE = 2e-3
 
 
-class Clearance:
-    """How deep an arm is in the table.
+class Cover:
+    """Balls that stand for an arm.
 
     Every geom of the arm that collides at all is covered by points, each with a radius: capsules and spheres by balls
     along their axes, boxes by their corners, cylinders by their rims, anything else by the corners of its bounding box.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        self._table = model.geom("table").id
-        self._half = model.geom_size[self._table].copy()
         geoms = [geom for geom in range(model.ngeom) if _is_arm(model, geom)]
         covers = [_cover(model, geom) for geom in geoms]
         self._points = np.concatenate([np.zeros((0, 3)), *(points for points, _ in covers)])
-        self._radii = np.concatenate([np.zeros(0), *(np.full(len(points), radius) for points, radius in covers)])
         self._owners = np.repeat(np.array(geoms, dtype=int), [len(points) for points, _ in covers])
+        self.radii = np.concatenate([np.zeros(0), *(np.full(len(points), radius) for points, radius in covers)])  # (P,) m
+
+    def centres(self, position: Array, rotation: Array) -> Array:
+        """Where the balls are, (N, P, 3) m.
+
+        Args:
+            position: (N, G, 3) m, of all geoms.
+            rotation: (N, G, 9), of all geoms.
+        """
+        frame = rotation.reshape(*rotation.shape[:2], 3, 3)
+        centres: Array = position[:, self._owners] + np.einsum("npij,pj->npi", frame[:, self._owners], self._points)
+        return centres
+
+
+class Clearance:
+    """How deep an arm is in the table."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._table = model.geom("table").id
+        self._half = model.geom_size[self._table].copy()
+        self._cover = Cover(model)
 
     def depth(self, position: Array, rotation: Array) -> Array:
         """How far the deepest part is below the table top, within the table's rectangle, (N,) m; 0 where none is.
@@ -45,11 +63,11 @@ class Clearance:
             position: (N, G, 3) m, of all geoms.
             rotation: (N, G, 9), of all geoms.
         """
-        frame = rotation.reshape(*rotation.shape[:2], 3, 3)
-        each = position[:, self._owners] + np.einsum("npij,pj->npi", frame[:, self._owners], self._points)
-        on_table = np.einsum("npi,nij->npj", each - position[:, self._table, None], frame[:, self._table])
+        table = rotation[:, self._table].reshape(-1, 3, 3)
+        centres = self._cover.centres(position, rotation)
+        on_table = np.einsum("npi,nij->npj", centres - position[:, self._table, None], table)
         over = (np.abs(on_table[..., :2]) <= self._half[:2]).all(axis=2)
-        below: Array = self._half[2] - (on_table[..., 2] - self._radii)
+        below: Array = self._half[2] - (on_table[..., 2] - self._cover.radii)
         deepest: Array = np.where(over, below, 0.0).max(axis=1, initial=0.0)
         return deepest
 

@@ -14,7 +14,7 @@ import numpy as np
 from skillcli.envs import sawyer
 from skillcli.envs.environment import Array, Environment
 from skillcli.envs.point import PointEnvironment
-from skillcli.envs.push import PushEnvironment, push_spec, pushing_distance
+from skillcli.envs.push import PushEnvironment, push_spec
 from skillcli.envs.reach import ReachEnvironment, reach_spec
 from skillcli.envs.robot import Robot
 from skillcli.errors import UsageError
@@ -157,9 +157,11 @@ def goal_place(task: Task, goal: Sequence[float]) -> list[float]:
 _EXAMPLES = {"point": "1.0,2.0", "reach": "0.6,0.0,0.2", "push": "0.1,-0.1"}
 
 
-def standoff(task: Task) -> float:
-    """How far from the centre of the box a gripper stands that pushes it, m; 0 without a box."""
-    return pushing_distance(task) if isinstance(task, PushTask) else 0.0
+def half_edges(task: Task) -> tuple[float, float]:
+    """Half of the edges of the box along x and y, m; 0 without a box."""
+    if not isinstance(task, PushTask):
+        return 0.0, 0.0
+    return task.box_size[0] / 2, task.box_size[1] / 2
 
 
 def check_goal(task: Task, goal: Array) -> None:
@@ -192,11 +194,33 @@ def check_goal(task: Task, goal: Array) -> None:
         raise UsageError(f"goal {shown} lies below the table", f"the table top is at z = {sawyer.TABLE_TOP:g} m")
 
 
+def check_start(task: Task, spread: float) -> None:
+    """Refuse a box that starts off the table, or may: drawn up to `spread` m to every side.
+
+    Raises:
+        UsageError: it does.
+    """
+    if not isinstance(task, PushTask):
+        return
+    low, high = _room(task)
+    if not ((low <= np.array(task.box_start) - spread) & (np.array(task.box_start) + spread <= high)).all():
+        drawn = f", drawn up to {spread:g} m away," if spread else ""
+        raise UsageError(
+            f"a box at task.box_start {_listed(np.array(task.box_start))}{drawn} starts off the table",
+            f"there is room for it at {_listed(low)} .. {_listed(high)} m",
+        )
+
+
+def _room(task: PushTask) -> tuple[Array, Array]:
+    """Lowest and highest place of a box, however it has turned by quarters, on the table, (2,) m each."""
+    room = np.array(sawyer.TABLE_HALF_SIZE[:2]) - max(task.box_size[:2]) / 2
+    return sawyer.TABLE_CENTRE - room, sawyer.TABLE_CENTRE + room
+
+
 def _check_on_table(task: PushTask, goal: Array) -> None:
-    half_box = max(task.box_size[:2]) / 2
-    room = np.array(sawyer.TABLE_HALF_SIZE[:2]) - half_box
-    if (np.abs(goal[:2] - sawyer.TABLE_CENTRE) > room).any():
-        low, high = (sawyer.TABLE_CENTRE + sign * room - task.box_start for sign in (-1, 1))
+    lowest, highest = _room(task)
+    if ((goal[:2] < lowest) | (goal[:2] > highest)).any():
+        low, high = lowest - task.box_start, highest - task.box_start
         raise UsageError(
             f"displacement {_listed(goal[:2] - task.box_start)} leaves no room for the box on the table",
             f"displacements lie between {_listed(low)} and {_listed(high)} m",

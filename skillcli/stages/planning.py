@@ -16,7 +16,7 @@ from skillcli.composition.planner import run
 from skillcli.composition.route import Route
 from skillcli.composition.search import Expansions, Settings, UniformCostSearch
 from skillcli.composition.sequence import Entry
-from skillcli.envs.tasks import MAX_SIMULATIONS, standoff
+from skillcli.envs.tasks import MAX_SIMULATIONS, half_edges
 from skillcli.errors import SkillError
 from skillcli.learning.ddpg import DdpgComposer
 from skillcli.learning.ppo import PpoComposer
@@ -76,7 +76,7 @@ class Leg:
 
     def towards(self, waypoints: Array) -> Route:
         """The way through these waypoints (W, 3) m."""
-        return Route(waypoints, self.recipe.task.tolerance, standoff(self.recipe.task))
+        return Route(waypoints, self.recipe.task.tolerance, half_edges(self.recipe.task))
 
     def steps(self, seconds: float) -> int:
         """A duration in control steps, at least one."""
@@ -127,8 +127,8 @@ def search_from(leg: Leg, row: Array, points: Array, waypoints: Array, choices: 
             step_seconds=leg.period,
             weight=settings.weight,
             max_speed=settings.max_speed,
-            approach_speed=settings.approach_speed if standoff(leg.recipe.task) else 0.0,
-            standoff=standoff(leg.recipe.task),
+            approach_speed=settings.approach_speed if any(half_edges(leg.recipe.task)) else 0.0,
+            half_edges=half_edges(leg.recipe.task),
             final_speed=settings.final_speed or float("inf"),
             budget=budget,
         ),

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from skillcli import metrics
-from skillcli.envs.tasks import MAX_SIMULATIONS, check_goal, make, model_fingerprint, skill_goals, stand
+from skillcli.envs.tasks import MAX_SIMULATIONS, check_goal, check_start, make, model_fingerprint, skill_goals, stand
 from skillcli.envs.throughput import BareEngine
 from skillcli.errors import Interrupted
 from skillcli.learning.agent import Agent
@@ -70,11 +70,13 @@ def pretrain(
 
     Raises:
         Interrupted: Ctrl-C; a checkpoint was kept.
-        UsageError: a goal of the recipe cannot be reached.
+        UsageError: a goal of the recipe cannot be reached, or an episode cannot start as it says.
         SkillError: training came apart, or the store refuses.
     """
     for goal in skill_goals(recipe.task):
         check_goal(recipe.task, goal)
+    offset = recipe.randomisation.ranges.get("object_offset")
+    check_start(recipe.task, max(map(abs, offset.values)) if offset else 0.0)
     store.check_writable(name)
     checkpoint = store.checkpoint_path(name, "pretrain", inputs_of(recipe, seed))
     with stoppable() as stop:

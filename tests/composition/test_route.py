@@ -33,7 +33,7 @@ def test_where_a_path_begins_has_been_looked_at_before() -> None:
 
 
 def test_beside_a_box_the_gripper_is_led_behind_it() -> None:
-    push = Route(np.array([[1.0, 0, 0]]), tolerance=0.1, standoff=0.05, approach=0.5)
+    push = Route(np.array([[1.0, 0, 0]]), tolerance=0.1, half_edges=(0.035, 0.035), approach=0.5)
     box = [0.0, 0, 0]
     points = np.array([[box, [-0.05, 0, 0.3]], [box, [0.35, 0, 0.3]]])
     np.testing.assert_allclose(push.left(np.zeros(2, dtype=int), points), [1, 1 + 0.5 * 0.4])

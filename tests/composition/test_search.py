@@ -21,7 +21,7 @@ RIGHT, UP, DIAGONAL = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 1.0, 0.0)
 COMPASS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
 SETTINGS = Settings(
     durations=(1,), tolerance=0.1, resolution=0.5, step_seconds=1.0, weight=0.0, max_speed=math.sqrt(2), approach_speed=0.0,
-    standoff=0.0, final_speed=math.inf, budget=1000,
+    half_edges=(0.0, 0.0), final_speed=math.inf, budget=1000,
 )  # fmt: skip
 
 
@@ -188,7 +188,7 @@ BOX, SOUTH, NORTH = (0.0, 0.0, 0.0), (0.0, -3.0, 0.0), (0.0, 3.0, 0.0)
 
 def pushing(waypoints: list[tuple[float, ...]], **changes: object) -> tuple[UniformCostSearch, Node]:
     """A planner that has just asked for its root: a box at the origin, a gripper 3 m south of it."""
-    settings = replace(SETTINGS, **{"weight": 1.0, "max_speed": 1.0, "standoff": 1.0, **changes})  # type: ignore[arg-type]
+    settings = replace(SETTINGS, **{"weight": 1.0, "max_speed": 1.0, "half_edges": (0.985, 0.985), **changes})  # type: ignore[arg-type]
     plan = UniformCostSearch(np.zeros(6), np.array([[BOX, SOUTH]]), np.array(waypoints), choices(RIGHT), settings)
     (root,) = plan.ask(1)
     return plan, root
@@ -275,7 +275,7 @@ class Pusher:
 def test_a_box_is_pushed_round_a_corner_and_the_approach_saves_most_of_the_work() -> None:
     expanded = []
     for speed in (0.0, 1.0):
-        settings = replace(SETTINGS, weight=1.0, max_speed=1.0, approach_speed=speed, standoff=1.0, resolution=0.5)
+        settings = replace(SETTINGS, weight=1.0, max_speed=1.0, approach_speed=speed, half_edges=(0.985, 0.985), resolution=0.5)
         start = np.array([BOX, (0.0, -1.0, 0.0)])
         plan = UniformCostSearch(start.ravel(), start[None], np.array([(3.0, 0, 0), (3.0, 2, 0)]), choices(*COMPASS), settings)
         node = solve(plan, Pusher())  # type: ignore[arg-type]

@@ -11,7 +11,8 @@ import pytest
 
 from skillcli.envs.arms import Arms
 from skillcli.envs.push import LOST, PushEnvironment
-from skillcli.recipe import PushTask
+from skillcli.errors import UsageError
+from skillcli.recipe import PushTask, load_recipe
 from skillcli.trajectories import Array
 
 TASK = PushTask()
@@ -79,6 +80,30 @@ def test_a_box_at_rest_stays_at_rest_while_the_arm_stays_away(task: PushTask) ->
     poses = still(env, 60)
     np.testing.assert_allclose(poses, np.broadcast_to(settled, poses.shape), atol=1e-5)
     assert np.abs(env.arms.object_velocity).max() < 1e-4, "and gains no kinetic energy"
+
+
+# edges of the box, m, and the share of starts (at most) for which the box is set aside
+SIZES = [((0.06, 0.06, 0.06), 0.03), ((0.11, 0.11, 0.13), 0.2), ((0.3, 0.05, 0.1), 0.2), ((0.05, 0.05, 0.12), 0.2)]
+
+
+@pytest.mark.parametrize(("size", "share"), SIZES)
+def test_a_box_never_starts_inside_the_arm_and_so_stays_where_it_is(size: tuple[float, float, float], share: float) -> None:
+    env, rng = PushEnvironment(PushTask(box_size=size), 128), np.random.default_rng(1)
+    offset = rng.uniform(-0.12, 0.12, (128, 2))
+    env.perturb({"object_offset": offset, "start_offset": rng.uniform(-0.15, 0.15, (128, 7))}, rng)
+    env.reset(everyone(env), np.zeros(128, dtype=np.int64))
+    aside = np.abs(env.arms.object_pose[:, :2] - TASK.box_start - offset).max(axis=1) > 1e-9
+    assert 0 < aside.mean() <= share, "the others start where they were drawn"
+    start = env.arms.object_pose.copy()
+    np.testing.assert_allclose(still(env, 20)[..., :2], np.tile(start[:, :2], (20, 1, 1)), atol=1e-5)
+    assert np.abs(env.arms.object_velocity).max() < 1e-3
+
+
+def test_a_recipe_whose_arm_starts_inside_the_box_is_refused() -> None:
+    with pytest.raises(UsageError, match=r"inside the box of \(0.11, 0.11, 0.2\)") as caught:
+        PushEnvironment(PushTask(box_size=(0.11, 0.11, 0.2)), 1)
+    assert "task.start" in str(caught.value.hint)
+    PushEnvironment(PushTask(box_size=(0.11, 0.11, 0.13)), 1)  # the paper's box fits below the start as shipped
 
 
 @pytest.mark.parametrize("direction", [(1.0, 0.0), (0.0, 1.0), (0.7071, -0.7071)])
@@ -181,12 +206,12 @@ def test_pushing_fast_is_not_throwing() -> None:
     assert env.judged()[0, 1] > 0.05
 
 
-# box, target, point behind the box; the box is 6 cm wide, so the point lies 4.5 cm from its centre
+# box, target, point behind the box; the box is 6 cm wide, so the point lies 4.5 cm from its centre, and slantwise more
 BEHIND = [
     ((0.6, 0.0), (0.75, 0.0), (0.555, 0.0)),
     ((0.6, 0.0), (0.45, 0.0), (0.645, 0.0)),
     ((0.7, 0.1), (0.7, 0.0), (0.7, 0.145)),
-    ((0.6, 0.0), (0.63, 0.04), (0.573, -0.036)),
+    ((0.6, 0.0), (0.63, 0.04), (0.5658, -0.0456)),
     ((0.6, 0.0), (0.6, 0.0), (0.6, 0.0)),
 ]
 
@@ -221,6 +246,15 @@ def test_what_the_distances_earn(distance: float, finger: float, reward: float) 
     if distance:
         assert np.linalg.norm(env.arms.gripper_position - env.behind()) == pytest.approx(finger)
     assert env.reward() == pytest.approx([reward])
+
+
+def test_to_lose_the_box_is_worse_than_never_to_touch_it_from_wherever_the_shipped_recipes_start() -> None:
+    env = PushEnvironment(TASK, 4)
+    env.perturb({"object_offset": np.full((4, 2), 0.12) * [[1, 1], [-1, 1], [1, -1], [-1, -1]]}, np.random.default_rng(0))
+    discount = load_recipe("push").training.discount
+    for skill in range(4):
+        env.reset(everyone(env), np.full(4, skill))
+        assert (env.reward() / (1 - discount) > LOST).all()
 
 
 def test_a_box_is_to_be_pushed_and_not_struck() -> None:

@@ -7,11 +7,12 @@ from skillcli.envs.tasks import (
     COMPOSITIONS,
     Task,
     check_goal,
+    check_start,
     goal_place,
+    half_edges,
     model_fingerprint,
     named_routes,
     skill_goals,
-    standoff,
 )
 from skillcli.envs.throughput import BareEngine
 from skillcli.errors import UsageError
@@ -101,10 +102,18 @@ def test_a_goal_is_a_place_and_for_a_push_a_displacement_of_the_box(
         assert "--goal" in caught.value.hint
 
 
-def test_only_a_box_is_pushed_from_a_distance() -> None:
-    # half an edge and the 1.5 cm that the finger keeps
-    assert standoff(PUSH) == pytest.approx(0.045) and standoff(PushTask(box_size=(0.1, 0.2, 0.05))) == pytest.approx(0.09)
-    assert standoff(REACH) == standoff(POINT) == 0
+def test_only_a_box_has_edges() -> None:
+    assert half_edges(PUSH) == (0.03, 0.03) and half_edges(PushTask(box_size=(0.1, 0.2, 0.05))) == (0.05, 0.1)
+    assert half_edges(REACH) == half_edges(POINT) == (0, 0)
+
+
+def test_a_box_has_to_start_on_the_table_wherever_it_is_drawn() -> None:
+    check_start(PUSH, 0.12)
+    check_start(REACH, 0.12)
+    for task, spread in ((PushTask(box_start=(0.2, 0)), 0.0), (PushTask(box_start=(0.4, 0)), 0.12)):
+        with pytest.raises(UsageError, match="starts off the table") as caught:
+            check_start(task, spread)
+        assert "(0.33, -0.57) .. (1.11, 0.57)" in str(caught.value.hint)
 
 
 def test_an_unknown_composition_names_those_there_are() -> None:
