@@ -108,6 +108,7 @@ class PushTask(ArmTask):
         ("up", "down", "left", "right"), "names of the skills; numbers from 1 where there are none", ""
     )
     horizon: int = value(80, "control steps in an episode", "steps", ge=2, le=10_000)
+    timestep: float = value(0.0025, "time step of the physics, which contact needs finer than free motion", "s", gt=0, le=0.02)
     start: Joints = value(
         (-0.297, -1.0105, 0.0752, 1.6086, -0.0483, 0.9745, 3.016),
         "joint vector at reset: gripper 14 cm above the table at (.65, 0)", "rad",
@@ -183,6 +184,10 @@ class Training(Section):
     settle_from: float = value(
         0.0, "share of the training from which on the target KL shrinks, linearly to a twentieth at the end", "", ge=0, le=1
     )
+    final_action_std: float = value(
+        1.0, "exploration at the end is at most this, in units of the action limit; comes down to it from settle_from on", "",
+        ge=0.02, le=1,
+    )  # fmt: skip
     max_grad_norm: float = value(0.5, "gradients are clipped to this norm", "", gt=0)
     reward_scale: float = value(5.0, "factor on the task's reward", "", gt=0)
     value_scale: float = value(10.0, "value targets are divided by this", "", gt=0)

@@ -41,7 +41,7 @@ class Policy(nn.Module):
             every state: the latent space inherits the metric of the actions. Otherwise z is one more input.
     """
 
-    MIN_STD, MAX_STD = 0.02, 1.0
+    MIN_STD = 0.02
 
     def __init__(
         self,
@@ -72,9 +72,9 @@ class Policy(nn.Module):
         return self.log_std.exp()
 
     @torch.no_grad()
-    def bound(self) -> None:
+    def bound(self, max_std: float) -> None:
         """Keep the standard deviation within bounds; after a step, so that it can always come back."""
-        self.log_std.clamp_(math.log(self.MIN_STD), math.log(self.MAX_STD))
+        self.log_std.clamp_(math.log(self.MIN_STD), math.log(max_std))
 
 
 def affine(parts: Tensor, latent: Tensor) -> Tensor:

@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from skillcli.learning import gaussian
-from skillcli.learning.te_ppo import adapted_learning_rate, approximate_kl, augmented_reward, settled_kl, surrogate_loss
+from skillcli.learning.te_ppo import adapted_learning_rate, approximate_kl, augmented_reward, settled_kl,
+    settled_std, surrogate_loss
 from skillcli.recipe import Training
 
 LOG_2PI = 1.8378770664
@@ -96,6 +97,11 @@ def test_the_step_size_follows_the_kl_divergence_within_bounds(rate: float, kl: 
 )
 def test_the_target_kl_shrinks_towards_the_end(settle_from: float, progress: float, expected: float) -> None:
     assert settled_kl(0.01, settle_from, progress) == pytest.approx(expected)
+
+
+def test_exploration_comes_down_by_the_same_factor_each_time() -> None:
+    assert [settled_std(0.01, 0.5, progress) for progress in (0.0, 0.5, 0.75, 1.0)] == pytest.approx([1, 1, 0.1, 0.01])
+    assert settled_std(1.0, 0.5, 1.0) == 1
 
 
 def test_the_target_kl_need_not_shrink_at_all() -> None:
