@@ -117,7 +117,10 @@ class ArmEnvironment:
             self._sensors.begin(ids, self._true()[ids])
 
     def _true(self) -> Array:
-        """What perfect sensors would report, (N, 10); the arm computes its gripper position from its joint angles."""
+        """What perfect sensors would report, (N, 10); the arm computes its gripper position from its joint angles.
+
+        A task may add columns that its look needs as late as these.
+        """
         position = self.position()
         if self._joint_offset is not None:
             position = position + self.arms.reported_shift(self._joint_offset)
@@ -129,9 +132,10 @@ class ArmEnvironment:
         if self._sensors is None:
             observation[:, :7] = self.arms.joint_position
             observation[:, 7:10] = self.position()
+            self._measured = observation[:, :10]
         else:
-            observation[:, :10] = self._sensors.read()
-        self._measured = observation[:, :10]
+            self._measured = self._sensors.read().astype(np.float32)
+            observation[:, :10] = self._measured[:, :10]
         if self.observation_size > 10:
             observation[:, 10:] = self._commanded() - observation[:, :7]
         return observation
@@ -149,7 +153,7 @@ class ArmEnvironment:
         if disturbance.needed(parameters):
             self._disturbance = Disturbance(parameters, self.num, self.arms.substeps, self.control_period, rng)
         if sensors.needed(parameters):
-            self._sensors = Sensors(parameters, self.num, self.control_period, rng)
+            self._sensors = Sensors(parameters, self.num, self.control_period, rng, self._true().shape[1])
             self._sensors.begin(np.arange(self.num), self._true())
 
     def step(self, action: Array) -> Step:

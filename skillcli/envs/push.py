@@ -240,17 +240,19 @@ class PushEnvironment(ArmEnvironment):
         friction, mass = parameters.get("contact_friction", one), parameters.get("object_mass", one)
         self._robot = np.stack([friction, mass, gain, parameters.get("latency", zero) / self.control_period], axis=1)
 
+    def _true(self) -> Array:
+        """See `ArmEnvironment`; and the gripper's own position, (N, 13)."""
+        seen = super()._true()
+        return np.concatenate([seen, seen[:, 7:] + self.arms.object_pose[:, :3]], axis=1)
+
     def object_seen(self) -> Array:
         """See `ArmEnvironment`: its place from the last observation, its angle as uncertain as the place of an edge."""
         pose = self.arms.object_pose.copy()
         if self._sensors is None:
             return pose
-        gripper = self._true()[:, 7:] + pose[:, :3]
-        pose[:, :3] = gripper - self._measured[:, 7:]
-        half = self._sensors.angle_error(self._half_edges[:, :2].mean(axis=1) + CONTACT_GAP) / 2
-        w, x, y, z = pose[:, 3:].T
-        cosine, sine = np.cos(half), np.sin(half)  # a turn about the vertical, then the pose
-        pose[:, 3:] = np.stack([cosine * w - sine * z, cosine * x - sine * y, cosine * y + sine * x, cosine * z + sine * w], 1)
+        pose[:, :3] = self._measured[:, 10:] - self._measured[:, 7:10]
+        error = self._sensors.angle_error(self._half_edges[:, :2].mean(axis=1) + CONTACT_GAP)
+        pose[:, 3:] = table.turned(_upright_turn(error), pose[:, 3:])
         return pose
 
     def judged_seen(self, object_pose: Array | None) -> Array:
@@ -261,14 +263,23 @@ class PushEnvironment(ArmEnvironment):
         return point
 
     def imagine(self, ids: Array, state: Array) -> None:
-        """See `Environment`; the box lies on this robot's own table, however high the other one is."""
+        """See `Environment`; the box lies flat on this robot's own table, however high and tilted the other one is."""
         lying = state.copy()
         lying[:, -5] = self._rest(state[:, -7:-5], ids)
+        w, x, y, z = state[:, -4:].T
+        flat = _upright_turn(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+        lying[:, -4:] = flat if self._tilt is None else table.turned(table.quaternion(self._tilt[ids]), flat)
         super().imagine(ids, lying)
 
     def snapshot(self) -> dict[str, Array]:
         """See `Environment`."""
         return {**super().snapshot(), "object_pose": self.arms.object_pose.copy()}
+
+
+def _upright_turn(angle: Array) -> Array:
+    """Turns by angles (n,) rad about the vertical as quaternions, (n, 4) w x y z."""
+    zero = np.zeros(len(angle))
+    return np.stack([np.cos(angle / 2), zero, zero, np.sin(angle / 2)], axis=1)
 
 
 def _way_out(box: Array, half: Array, balls: Array, radii: Array) -> Array:

@@ -26,6 +26,8 @@ def needed(parameters: Mapping[str, Array]) -> bool:
 class Sensors:
     """What N simulations measure: seven joint angles, rad, and one position, m, together (N, 10).
 
+    True states may have more columns than these ten; they are as late, and otherwise as they were.
+
     A late reading lies between the two control steps around its time, on a straight line. Drift is an autoregressive process
     of first order, the Ornstein-Uhlenbeck process at the times of the control steps: it keeps its standard deviation, and
     its correlation after a time t is exp(-t / drift_time).
@@ -35,9 +37,12 @@ class Sensors:
         num: simulations.
         period: between two control steps, s.
         rng: of all noise.
+        columns: of the true states.
     """
 
-    def __init__(self, parameters: Mapping[str, Array], num: int, period: float, rng: np.random.Generator) -> None:
+    def __init__(
+        self, parameters: Mapping[str, Array], num: int, period: float, rng: np.random.Generator, columns: int = 10
+    ) -> None:
         self._rng = rng
         self._white = _pair(parameters, num, "joint_noise", "position_noise")
         self._spread = _pair(parameters, num, "joint_drift", "position_drift")
@@ -50,20 +55,20 @@ class Sensors:
         age = parameters.get("observation_latency", np.zeros(num)) / period  # in control steps
         self._late = np.floor(age).astype(np.int64)
         self._between = (age - self._late)[:, None]
-        self._past = np.zeros((int(self._late.max(initial=0)) + 2, num, 10))  # the newest first
+        self._past = np.zeros((int(self._late.max(initial=0)) + 2, num, columns))  # the newest first
 
     def begin(self, ids: Array, true: Array) -> None:
-        """Begin new episodes of these simulations in true states (n, 10)."""
+        """Begin new episodes of these simulations in true states (n, columns)."""
         self.settle(ids, true)
         if self._spread.any():
             self._drift[ids] = self._spread[ids] * self._rng.standard_normal((len(ids), 10))
 
     def settle(self, ids: Array, true: Array) -> None:
-        """Let these simulations have stood in true states (n, 10) for as long as any sensor is late."""
+        """Let these simulations have stood in true states (n, columns) for as long as any sensor is late."""
         self._past[:, ids] = true
 
     def advance(self, true: Array) -> None:
-        """A control step has passed and led to true states (N, 10)."""
+        """A control step has passed and led to true states (N, columns)."""
         self._past = np.roll(self._past, 1, axis=0)
         self._past[0] = true
         if self._spread.any():
@@ -71,12 +76,13 @@ class Sensors:
             self._drift = self._keeps * self._drift + np.sqrt(1 - self._keeps**2) * fresh
 
     def read(self) -> Array:
-        """What is measured now, (N, 10)."""
+        """What is measured now, (N, columns)."""
         each = np.arange(len(self._late))
         newer, older = self._past[self._late, each], self._past[self._late + 1, each]
-        measured: Array = newer + self._between * (older - newer) + self._offset + self._drift
+        measured: Array = newer + self._between * (older - newer)
+        measured[:, :10] += self._offset + self._drift
         if self._white.any():
-            measured += self._white * self._rng.standard_normal(measured.shape)
+            measured[:, :10] += self._white * self._rng.standard_normal(self._white.shape)
         return measured
 
     def angle_error(self, arm: Array) -> Array:

@@ -22,6 +22,16 @@ def quaternion(tilt: Array) -> Array:
     return np.stack([np.cos(half), sine * tilt[:, 0], sine * tilt[:, 1], np.zeros(len(tilt))], axis=1)
 
 
+def turned(by: Array, orientation: Array) -> Array:
+    """Orientations (N, 4) turned by rotations (N, 4) in the base frame, all as quaternions w x y z, (N, 4)."""
+    (a, b, c, d), (w, x, y, z) = by.T, orientation.T
+    product = (
+        a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y,
+        a * y - b * z + c * w + d * x, a * z + b * y - c * x + d * w,
+    )  # fmt: skip
+    return np.stack(product, axis=1)
+
+
 def surface(xy: Array, height: Array, tilt: Array) -> Array:
     """How high the top is at places (N, 2) m, (N,) m, when its middle is raised by height (N,) m."""
     n = normal(tilt)

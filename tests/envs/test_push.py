@@ -11,6 +11,7 @@ import pytest
 
 from skillcli.envs.arms import Arms
 from skillcli.envs.push import LOST, PushEnvironment
+from skillcli.envs.table import turned
 from skillcli.errors import UsageError
 from skillcli.recipe import PushTask, load_recipe
 from skillcli.trajectories import Array
@@ -413,3 +414,35 @@ def test_the_policy_sees_neither_speed_nor_goal_nor_robot() -> None:
     other.target[:, 1] = 0.3
     other.arms.object_velocity[:] = 0.1
     np.testing.assert_array_equal(env.observe(), other.observe())
+
+
+def test_a_box_that_lies_still_is_seen_to_lie_still_however_late_the_sensors_are_and_the_arm_moves() -> None:
+    env = perturbed(2, observation_latency=[0.1, 0.125])
+    for _ in range(6):
+        env.step(np.tile([1.0, 0, 0, 0, 0, 0, 0], (2, 1)))
+    assert np.linalg.norm(env.arms.gripper_position[0, :2] - [0.65, 0]) > 0.05
+    np.testing.assert_allclose(env.look().judged, env.judged(), atol=1e-6)
+
+
+def test_a_moving_box_is_seen_where_it_was() -> None:
+    env = perturbed(1, observation_latency=[0.1])
+    env.arms.object_velocity[:, 1] = 0.5
+    places = [env.judged()[0, 1]]
+    for _ in range(3):
+        env.step(np.zeros((1, 7)))
+        places.append(env.judged()[0, 1])
+    assert env.look().judged[0, 1] == pytest.approx(places[-3], abs=1e-6)
+    assert places[-1] - places[-3] > 1e-3
+
+
+def test_a_box_on_a_tilted_table_is_imagined_flat_on_the_planners_own() -> None:
+    seen = perturbed(1, table_tilt=[(0.15, -0.1)])
+    seen.arms.object_pose[:, 3:] = turned(seen.arms.object_pose[:, 3:], np.array([[np.cos(0.2), 0, 0, np.sin(0.2)]]))
+    planner = PushEnvironment(TASK, 2)
+    planner.imagine(np.array([1]), seen.look().state)
+    assert planner.arms.object_pose[1, 2] == pytest.approx(0.03) and depth(planner, 1) < 1e-9
+    w, x, y, z = planner.arms.object_pose[1, 3:]
+    assert (x, y) == (0, 0) and 2 * np.arctan2(z, w) == pytest.approx(0.4, abs=0.02)
+    start = planner.judged()[1]
+    planner.step(np.zeros((2, 7)))
+    np.testing.assert_allclose(planner.judged()[1], start, atol=1e-4, err_msg="and does not slip off by itself")

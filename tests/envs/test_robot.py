@@ -277,6 +277,7 @@ def test_links_that_overlap_at_the_start_are_noted(tmp_path: Path) -> None:
 def test_the_source_described_as_another_robot_moves_as_the_source(task: ReachTask | PushTask, tmp_path: Path) -> None:
     text = f"""
         model = "torque.xml"
+        timestep = {task.timestep}
         joints = {list(sawyer.JOINTS)}
         finger = ["finger"]
         [gripper]

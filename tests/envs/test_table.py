@@ -22,6 +22,14 @@ def test_a_turn_about_y_lowers_what_is_in_front() -> None:
     np.testing.assert_allclose(height, [-0.1 * np.tan(0.1), 0.2 * np.tan(0.1), 0.003], atol=1e-15)
 
 
+def test_an_orientation_is_turned_in_the_base_frame() -> None:
+    quarter = np.sqrt(0.5)
+    about_z, about_x = np.array([[quarter, 0, 0, quarter]]), np.array([[quarter, quarter, 0, 0]])
+    # x to y by the first, y to z by the second: the other way round x would stay
+    np.testing.assert_allclose(table.turned(about_x, about_z), [[0.5, 0.5, -0.5, 0.5]], atol=1e-15)
+    np.testing.assert_allclose(table.turned(about_z, about_x), [[0.5, 0.5, 0.5, 0.5]], atol=1e-15)
+
+
 def environment(num: int, **parameters: list[float] | list[list[float]]) -> PushEnvironment:
     env = PushEnvironment(PushTask(), num)
     env.perturb({name: np.array(values) for name, values in parameters.items()}, np.random.default_rng(0))

@@ -7,8 +7,14 @@ import pytest
 import torch
 
 from skillcli.learning import gaussian
-from skillcli.learning.te_ppo import adapted_learning_rate, approximate_kl, augmented_reward, settled_kl,
-    settled_std, surrogate_loss
+from skillcli.learning.te_ppo import (
+    adapted_learning_rate,
+    approximate_kl,
+    augmented_reward,
+    settled_kl,
+    settled_std,
+    surrogate_loss,
+)
 from skillcli.recipe import Training
 
 LOG_2PI = 1.8378770664
