@@ -118,6 +118,12 @@ class PushTask(ArmTask):
     box_mass: float = value(0.3, "of the box, evenly filled", "kg", gt=0, le=5)
     friction: float = value(0.6, "sliding friction between box and table, and box and finger", "", gt=0, le=3)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _other_goals_have_no_names(cls, given: Any) -> Any:
+        """The names that are the default belong to the goals that are."""
+        return {"names": (), **given} if isinstance(given, Mapping) and "goals" in given else given
+
     @model_validator(mode="after")
     def _box_fits(self) -> PushTask:
         if any(not 0.01 <= edge <= 0.3 for edge in self.box_size):

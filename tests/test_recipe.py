@@ -125,6 +125,8 @@ def test_a_push_that_cannot_be_meant_is_refused_with_its_key(override: str, said
 def test_other_goals_need_other_names_and_none_at_all_are_fine() -> None:
     task = load_recipe("push", ["task.goals=[[0.1, 0], [0, 0.1]]", "task.names=[]"]).task
     assert task.goals == ((0.1, 0), (0, 0.1)) and task.names == ()
+    assert load_recipe("push", ["task.goals=[[0.1, 0], [0, 0.1]]"]).task == task, "nor are those of the default goals theirs"
+    assert load_recipe("push", ["task.box_mass=0.5"]).task.names == ("up", "down", "left", "right")
 
 
 @pytest.mark.parametrize(

@@ -163,7 +163,7 @@ def _head(drawn: Figure, scene: Scene) -> None:
 
 def _skill_legend(drawn: Figure, scene: Scene, skills: range | list[int]) -> None:
     """Number, name and look of the skills in use, and the marks of an execution, below everything."""
-    names = ["between skills" if skill < 0 else panels_space.numbered(scene, skill) for skill in skills]
+    names = ["between (mixed)" if skill < 0 else panels_space.numbered(scene, skill) for skill in skills]
     handles: list[Artist] = [*skill_handles(zip(skills, names, strict=True))]
     if scene.kind in ("compose", "transfer-eval"):
         handles += [mark("start", "o", "white"), mark("success", "o"), mark("failure", "X", "white")]

@@ -8,6 +8,10 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
+import numpy as np
+
+from skillcli.trajectories import Array
+
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A52C7", "#8C6D31")
 Dash = Literal["-", "--", "-.", ":"]
 
@@ -36,6 +40,19 @@ def look(index: int) -> Look:
         return Look(BETWEEN, ":", ".")
     turn, slot = divmod(index, len(COLORS))
     return Look(COLORS[slot], DASHES[(slot + turn) % len(DASHES)], MARKERS[(slot + turn) % len(MARKERS)])
+
+
+def fed_look(skill: int, latent: Array, means: Array) -> Look:
+    """The look of a latent (d,) that is fed: its skill's, or between skills a mix of the two colours whose means (K, d) are
+    nearest, the nearer the more."""
+    if skill >= 0 or len(means) < 2:
+        return look(skill)
+    distance = np.linalg.norm(means - latent, axis=1)
+    first, second = (int(k) for k in np.argsort(distance, kind="stable")[:2])
+    share = distance[second] / max(distance[first] + distance[second], 1e-12)  # of the nearer one
+    nearer, farther = (np.array(rgba(look(k).color)[:3]) for k in (first, second))
+    mixed = np.round(share * nearer + (1 - share) * farther).astype(int)
+    return Look("#{:02X}{:02X}{:02X}".format(*mixed), ":", ".")
 
 
 def rgba(color: str, alpha: float = 1.0) -> tuple[int, int, int, int]:

@@ -11,7 +11,7 @@ from matplotlib.ticker import FuncFormatter
 
 from skillcli.trajectories import Array
 from skillcli.viz import motion
-from skillcli.viz.palette import BETWEEN, COLORS, DASHES, TARGET, look
+from skillcli.viz.palette import BETWEEN, COLORS, DASHES, TARGET, fed_look, look
 from skillcli.viz.scene import Scene
 
 FLOOR = 1e-4  # m; a logarithmic axis cannot show an exact hit
@@ -93,7 +93,8 @@ def _boundaries(axes: Axes, scene: Scene, episode: int) -> None:
     time = _time(scene, episode)
     for piece in motion.pieces(scene, episode):
         start, stop = time[piece.start], time[piece.stop]
-        axes.axvspan(start, stop, ymin=0.94, color=look(piece.skill).color, lw=0, alpha=0.85)
+        color = fed_look(piece.skill, scene.trajectories.latent[episode, piece.start], scene.means).color
+        axes.axvspan(start, stop, ymin=0.94, color=color, lw=0, alpha=0.85)
         axes.axvline(start, color=BETWEEN, lw=0.5, zorder=0)
         if piece.skill >= 0:
             axes.annotate(
@@ -161,11 +162,18 @@ def closest(axes: Axes, scene: Scene) -> None:
     order = np.arange(1, len(gaps) + 1)
     axes.vlines(order, 0, gaps, color=TARGET, lw=1.2)
     axes.plot(order, gaps, ls="none", marker="o", color=TARGET, ms=4.5)
+    beside = {"xytext": (6, 0), "va": "center"} if len(gaps) <= 8 else {"xytext": (0, 5), "ha": "center", "rotation": 90}
     for place, gap in zip(order, gaps, strict=True):
         text, height = ("never due", 0.0) if np.isnan(gap) else (f"{gap:.2g}", float(gap))
-        axes.annotate(text, (place, height), xytext=(6, 0), textcoords="offset points", va="center", fontsize=7)
+        axes.annotate(text, (place, height), textcoords="offset points", fontsize=7, **beside)
     top = 1.25 * max(float(np.nanmax(gaps, initial=0)), scale * scene.tolerance)
-    axes.set(xticks=order, xlim=(0.5, len(gaps) + 1), ylim=(0, top), xlabel="waypoint", ylabel=f"distance [{name}]")
+    axes.set(
+        xticks=order[:: 1 + len(order) // 9],
+        xlim=(0.5, len(gaps) + 1),
+        ylim=(0, top),
+        xlabel="waypoint",
+        ylabel=f"distance [{name}]",
+    )
     _tolerance_line(axes, scene)
     axes.set_title("nearest pass while due")
 

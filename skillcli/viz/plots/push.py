@@ -16,7 +16,7 @@ from skillcli.metrics import angle_deg, neighbours
 from skillcli.trajectories import Array
 from skillcli.viz import motion, panels_space
 from skillcli.viz.canvas import WIDTH, blank, legend, mark, skill_handles
-from skillcli.viz.palette import BETWEEN, TARGET, look
+from skillcli.viz.palette import BETWEEN, TARGET, fed_look, look
 from skillcli.viz.scene import Scene
 
 COLUMNS = 4
@@ -113,7 +113,7 @@ def searched_pushes(routes: Sequence[tuple[Scene, int]]) -> Figure:
         _name(axes, f"({x}, {y}): {gap:.1f} cm")
     _equal_limits(panels)
     fed = sorted({k for scene, _ in routes for k in panels_space.fed_skills(scene)}, key=lambda k: (k < 0, k))
-    names = [(k, "between skills" if k < 0 else panels_space.numbered(routes[0][0], k)) for k in fed]
+    names = [(k, "between (mixed)" if k < 0 else panels_space.numbered(routes[0][0], k)) for k in fed]
     square = Line2D([], [], color=BETWEEN, lw=0.8, ls=(0, (3, 2)), label="trained square")
     legend(drawn, [*skill_handles(names, marked=False), *_marks(), square])
     return drawn
@@ -161,7 +161,8 @@ def _push(axes: Axes, scene: Scene, episode: int, pieces: Sequence[tuple[int, in
         hand = _local(scene, data.gripper_position[episode, : len(moved)], episode)
         axes.plot(*hand.T, color=TARGET, lw=0.6, zorder=2)
     for start, stop, skill in pieces:
-        style, end = look(skill), None if stop is None else stop + 1
+        end = None if stop is None else stop + 1
+        style = fed_look(skill, data.latent[episode, start], scene.means)
         axes.plot(*moved[start:end].T, color=style.color, ls=style.dash, lw=1.8, zorder=4)
     for row, filled in ((0, False), (len(moved) - 1, True)):
         corners = _corners(scene, episode, row) + moved[row]

@@ -58,7 +58,7 @@ def compositions(scenes: Sequence[Scene], titles: Sequence[str]) -> Figure:
             panels_space.executed(axes, scene, plane, list(range(scene.trajectories.episodes)))
             _finish(axes, scene, plane, scene.waypoints, f"{title}, {TITLES[plane]}")
     fed = sorted({skill for scene in scenes for skill in panels_space.fed_skills(scene)}, key=lambda k: (k < 0, k))
-    names = [(k, "between skills" if k < 0 else f"skill {panels_space.numbered(scenes[0], k)}") for k in fed]
+    names = [(k, "between (mixed)" if k < 0 else f"skill {panels_space.numbered(scenes[0], k)}") for k in fed]
     marks = [
         mark("start", "o", "white"),
         mark("success", "o"),
