@@ -3,7 +3,7 @@
     python -m tests.study_contact [ID [STORE]]
 
 The actions of every stored trajectory of a push library are sent again, open loop, at the recipe's time step, at half and
-at a quarter of it.
+at a quarter of it. ID is a pretraining: its trajectories all begin at the recipe's own start.
 """
 
 from __future__ import annotations
@@ -45,12 +45,20 @@ def penetration(model: mujoco.MjModel, joint_position: Array, object_pose: Array
     return deepest
 
 
+def tilt(object_pose: Array) -> Array:
+    """How far boxes in poses (..., 7) have turned away from upright, (...,) degrees."""
+    degrees: Array = np.degrees(np.arccos(np.clip(1 - 2 * (object_pose[..., 4] ** 2 + object_pose[..., 5] ** 2), -1, 1)))
+    return degrees
+
+
 def main() -> None:
     """Measure and print."""
     store = Store(Path(sys.argv[2] if len(sys.argv) > 2 else "artifacts"))
     artifact = store.read(store.resolve(sys.argv[1] if len(sys.argv) > 1 else "reference-push/pretrain"))
     task = resolve(artifact.recipe).task
     assert isinstance(task, PushTask)
+    if artifact.id.stage != "pretrain":
+        sys.exit(f"{artifact.id} may begin anywhere; give the id of a pretraining")
     recorded = artifact.group("trajectories")
     ends = [replay(task, recorded["action"], halvings)[-1] for halvings in range(3)]
     table = Table("time step", "box ends elsewhere: median", "90 %", "largest", "below 5 mm")
@@ -62,8 +70,10 @@ def main() -> None:
     console = Console()
     console.print(table)
     poses = recorded["joint_position"].reshape(-1, 7), recorded["object_pose"].reshape(-1, 7)
-    depth = penetration(push_spec(task).compile(), *(pose[::3] for pose in poses))
+    depth = penetration(push_spec(task).compile(), *poses)
+    tipped = tilt(recorded["object_pose"]).max(axis=1)
     console.print(f"deepest penetration of the box in the stored trajectories: {1000 * depth:.2f} mm")
+    console.print(f"boxes tipped by more than 20 degrees: {(tipped > 20).mean():.0%}, at most {tipped.max():.0f} degrees")
 
 
 if __name__ == "__main__":

@@ -31,12 +31,12 @@ NET_FORCE = 3  # as contact sensors count their ways to reduce several contacts
 
 CLEARANCE = 0.01  # m: the finger is to keep this far off the table
 START_GAP = 0.002  # m: between arm and box at a start
-FIRM, CRUSHING = 2.0, 10.0  # weights of the box: downward forces from which on pressing costs, and costs no more
+FIRM, CRUSHING = 2.0, 10.0  # weights of the nominal box: downward forces from which on pressing costs, and costs no more
 LIFTED = 0.05  # m above its rest: a box that flies
-THROWN = 2.0  # m/s: three times what the fastest push gives it
-# Reward of losing the box, else losing it would end the costs: worse than never to move again with the box on its side, 30 cm
-# from its goal, which is the farthest that the shipped recipes start, at a discount of 0.97 a step.
-LOST = -50.0
+THROWN = 2.0  # m/s: four times what the fastest push gives it
+# Reward of losing the box, else losing it would end the costs: worse than to stand still for good with the box 30 cm from its
+# goal, which is the farthest that the shipped recipes start, at a discount of 0.97 a step.
+LOST = -30.0
 
 
 def push_spec(task: PushTask, delay: bool = False, robot: Robot | None = None) -> mujoco.MjSpec:
@@ -179,8 +179,8 @@ class PushEnvironment(ArmEnvironment):
           the instant and the place of one touch, and differs from robot to robot.
         - minus 10 times how far the finger is lower than 1 cm above the table; of a box lower than 4 cm a quarter of its height
           counts instead. Without it fingers lean on the table with up to 200 N.
-        - minus half of what the box is turned away from upright, as 1 - cos: 0.02 at 15 degrees, 0.5 on its side. A push high
-          up a face tips the box, and where it then comes to lie is chance.
+        - minus 0.01 times the square of the speed at which the box tips, in rad/s: a push high up a face topples it, and where
+          it then comes to lie is chance.
         - minus up to 0.3 for pressing down on table or box, from a force of 2 weights of the box to one of 10: a box that is
           pressed from above sinks into the table. Forces to the sides are free: they are what pushes.
 
@@ -195,20 +195,18 @@ class PushEnvironment(ArmEnvironment):
         low = np.maximum(0.0, np.minimum(CLEARANCE, self._half_edges[:, 2] / 2) - height)
         weights = -self.arms.contact_force[:, 2] / self._weight
         pressed = np.clip((weights - FIRM) / (CRUSHING - FIRM), 0.0, 1.0)
-        tipped = 1.0 - self._upright()
-        costs = 5.0 * struck + 10.0 * low + 0.5 * tipped + 0.3 * pressed
+        costs = 5.0 * struck + 0.01 * self._tipping() ** 2 + 10.0 * low + 0.3 * pressed
         shaped: Array = -2.0 * distance - 0.5 * finger * share(distance) + 0.3 * inside - costs
         return shaped
 
-    def _upright(self) -> Array:
-        """Cosine of the angle between the box's own vertical and its table's, (N,)."""
+    def _tipping(self) -> Array:
+        """Speed at which the boxes turn about anything but the vertical, (N,) rad/s."""
         w, x, y, z = self.arms.object_pose[:, 3:].T
-        if self._tilt is None:
-            level: Array = 1.0 - 2.0 * (x * x + y * y)
-            return level
-        up = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=1)
-        cosine: Array = np.einsum("ij,ij->i", up, table.normal(self._tilt))
-        return cosine
+        turning = self.arms.object_velocity[:, 3:]  # in the box's own frame
+        up = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1)  # seen from there
+        spin = np.einsum("ij,ij->i", turning, up)
+        speed: Array = np.linalg.norm(turning - spin[:, None] * up, axis=1)
+        return speed
 
     def failed(self) -> Array:
         """A box that fell off the table, flies or was thrown, or an unstable simulation, (N,) bool."""
