@@ -67,7 +67,9 @@ PARAMETERS: dict[str, Parameter] = {
     "arm_push": Parameter(1, "N s", "impulse of a knock on the last link, in any direction", 0, 50),
     "object_push": Parameter(1, "N s", "impulse of a knock on the box, in any horizontal direction", 0, 10),
     "start_offset": Parameter(7, "rad", "offset of each joint from the start pose", -3.2, 3.2),
-    "object_offset": Parameter(2, "m", "offset of the box from its nominal start, x and y", -1, 1),
+    "object_offset": Parameter(
+        2, "m", "offset of the box from its nominal start, x and y; set beside an arm that it would stand in", -1, 1
+    ),
 }
 # What says nothing without the other.
 NEEDS = {

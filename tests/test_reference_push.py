@@ -20,7 +20,7 @@ STORED = [
     "reference-push-robust/pretrain",
     "reference-push-robust/compose",
 ]
-FAR = 0.15  # m from the middle of the box: no finger touches it there, nor has within the last control step
+FAR = 0.1  # m from the middle of the box: no finger touches it there, nor can within a control step
 
 
 def stored(given: str) -> tuple[PushTask, dict[str, Array]]:
@@ -44,6 +44,7 @@ def test_a_box_that_nothing_touches_gains_no_speed(given: str) -> None:
     speed = np.linalg.norm(np.diff(box, axis=1), axis=2) / task.control_period
     away = np.linalg.norm(box - finger, axis=2) > FAR
     alone = away[:, :-2] & away[:, 1:-1] & away[:, 2:]
+    assert alone.any() or "compose" in given, "else this would say nothing; plans end where the finger still is"
     assert (speed[:, 1:] - speed[:, :-1])[alone].max(initial=0.0) < 1e-3
     assert np.isfinite(recorded["object_pose"]).all() and box[..., 2].max() < task.box_size[2]
 

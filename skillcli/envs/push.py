@@ -239,18 +239,20 @@ class PushEnvironment(ArmEnvironment):
         self._robot = np.stack([friction, mass, gain, parameters.get("latency", zero) / self.control_period], axis=1)
 
     def _true(self) -> Array:
-        """See `ArmEnvironment`; and the gripper's own position, (N, 13)."""
-        seen = super()._true()
-        return np.concatenate([seen, seen[:, 7:] + self.arms.object_pose[:, :3]], axis=1)
+        """See `ArmEnvironment`; and the gripper's own position and how the box has turned, (N, 17)."""
+        seen, pose = super()._true(), self.arms.object_pose
+        return np.concatenate([seen, seen[:, 7:] + pose[:, :3], pose[:, 3:]], axis=1)
 
     def object_seen(self) -> Array:
         """See `ArmEnvironment`: its place from the last observation, its angle as uncertain as the place of an edge."""
         pose = self.arms.object_pose.copy()
         if self._sensors is None:
             return pose
-        pose[:, :3] = self._measured[:, 10:] - self._measured[:, 7:10]
+        relative, gripper, turned = np.split(self._measured[:, 7:], [3, 6], axis=1)
+        pose[:, :3] = gripper - relative
         error = self._sensors.angle_error(self._half_edges[:, :2].mean(axis=1) + CONTACT_GAP)
-        pose[:, 3:] = table.turned(_upright_turn(error), pose[:, 3:])
+        turned = turned / np.linalg.norm(turned, axis=1, keepdims=True)  # between two control steps it is a little short
+        pose[:, 3:] = table.turned(_upright_turn(error), turned)
         return pose
 
     def judged_seen(self, object_pose: Array | None) -> Array:
@@ -264,8 +266,7 @@ class PushEnvironment(ArmEnvironment):
         """See `Environment`; the box lies flat on this robot's own table, however high and tilted the other one is."""
         lying = state.copy()
         lying[:, -5] = self._rest(state[:, -7:-5], ids)
-        w, x, y, z = state[:, -4:].T
-        flat = _upright_turn(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+        flat = _upright_turn(2 * np.arctan2(state[:, -1], state[:, -4]))  # its turn about the vertical, without any tilt
         lying[:, -4:] = flat if self._tilt is None else table.turned(table.quaternion(self._tilt[ids]), flat)
         super().imagine(ids, lying)
 
@@ -282,6 +283,8 @@ def _upright_turn(angle: Array) -> Array:
 
 def _way_out(box: Array, half: Array, balls: Array, radii: Array) -> Array:
     """How far boxes have to go sideways, the shortest way each time, until no ball overlaps them, (n, 2) m.
+
+    Between arms on both sides that may be nowhere: it gives up after as many moves as there are balls.
 
     Args:
         box: (n, 3) m, centres of boxes that stand along the axes.

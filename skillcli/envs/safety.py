@@ -27,6 +27,7 @@ class Cover:
 
     Every geom of the arm that collides at all is covered by points, each with a radius: capsules and spheres by balls
     along their axes, boxes by their corners, cylinders by their rims, anything else by the corners of its bounding box.
+    Nothing deeper in a plane is missed; between corners and rims there is room for something small.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:

@@ -194,20 +194,20 @@ def check_goal(task: Task, goal: Array) -> None:
         raise UsageError(f"goal {shown} lies below the table", f"the table top is at z = {sawyer.TABLE_TOP:g} m")
 
 
-def check_start(task: Task, spread: float) -> None:
-    """Refuse a box that starts off the table, or may: drawn up to `spread` m to every side.
+def check_start(task: Task, low: float, high: float) -> None:
+    """Refuse a box that starts off the table, or may: drawn from `low` to `high` m off its nominal start in x and y.
 
     Raises:
         UsageError: it does.
     """
     if not isinstance(task, PushTask):
         return
-    low, high = _room(task)
-    if not ((low <= np.array(task.box_start) - spread) & (np.array(task.box_start) + spread <= high)).all():
-        drawn = f", drawn up to {spread:g} m away," if spread else ""
+    lowest, highest = _room(task)
+    if not ((lowest <= np.array(task.box_start) + low) & (np.array(task.box_start) + high <= highest)).all():
+        drawn = f", drawn {low:g} to {high:g} m off," if high > low else ""
         raise UsageError(
             f"a box at task.box_start {_listed(np.array(task.box_start))}{drawn} starts off the table",
-            f"there is room for it at {_listed(low)} .. {_listed(high)} m",
+            f"there is room for it at {_listed(lowest)} .. {_listed(highest)} m",
         )
 
 

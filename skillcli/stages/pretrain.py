@@ -76,7 +76,8 @@ def pretrain(
     for goal in skill_goals(recipe.task):
         check_goal(recipe.task, goal)
     offset = recipe.randomisation.ranges.get("object_offset")
-    check_start(recipe.task, max(map(abs, offset.values)) if offset else 0.0)
+    drawn = (0.0, *offset.values) if offset else (0.0,)  # at first nothing is drawn
+    check_start(recipe.task, min(drawn), max(drawn))
     store.check_writable(name)
     checkpoint = store.checkpoint_path(name, "pretrain", inputs_of(recipe, seed))
     with stoppable() as stop:

@@ -10,6 +10,7 @@ import numpy as np
 
 from skillcli.metrics import final_distance, ordered_approach
 from skillcli.trajectories import Array
+from skillcli.viz.palette import Look, fed_look
 from skillcli.viz.scene import Scene
 
 MAX_PLAYED = 8  # episodes shown moving; more make a recording long, not clearer
@@ -23,6 +24,11 @@ class Piece(NamedTuple):
     start: int
     stop: int
     skill: int
+
+
+def piece_look(scene: Scene, episode: int, piece: Piece) -> Look:
+    """The look of what a piece is fed, half-way through it: a blend has the colours of both its ends."""
+    return fed_look(piece.skill, scene.trajectories.latent[episode, (piece.start + piece.stop) // 2], scene.means)
 
 
 def domain(label: str) -> str:

@@ -9,7 +9,7 @@ from matplotlib.patches import Circle, Ellipse
 
 from skillcli.trajectories import Array
 from skillcli.viz import motion
-from skillcli.viz.palette import BETWEEN, TARGET, fed_look, look
+from skillcli.viz.palette import BETWEEN, TARGET, look
 from skillcli.viz.scene import Scene
 
 Plane = tuple[int, int]  # the two coordinates that are drawn
@@ -173,8 +173,7 @@ def executed(axes: Axes, scene: Scene, plane: Plane, episodes: list[int]) -> Non
         if (hand := _hand(scene, episode)) is not None:
             axes.plot(*hand[:, plane].T, color=BETWEEN, lw=0.4, alpha=0.6, zorder=2, rasterized=not single)
         for piece in motion.pieces(scene, episode):
-            style = fed_look(piece.skill, scene.trajectories.latent[episode, piece.start], scene.means)
-            part = moved[piece.start : piece.stop + 1]
+            style, part = motion.piece_look(scene, episode, piece), moved[piece.start : piece.stop + 1]
             axes.plot(
                 *part.T,
                 color=style.color,

@@ -11,7 +11,7 @@ from matplotlib.ticker import FuncFormatter
 
 from skillcli.trajectories import Array
 from skillcli.viz import motion
-from skillcli.viz.palette import BETWEEN, COLORS, DASHES, TARGET, fed_look, look
+from skillcli.viz.palette import BETWEEN, COLORS, DASHES, TARGET, look
 from skillcli.viz.scene import Scene
 
 FLOOR = 1e-4  # m; a logarithmic axis cannot show an exact hit
@@ -93,8 +93,7 @@ def _boundaries(axes: Axes, scene: Scene, episode: int) -> None:
     time = _time(scene, episode)
     for piece in motion.pieces(scene, episode):
         start, stop = time[piece.start], time[piece.stop]
-        color = fed_look(piece.skill, scene.trajectories.latent[episode, piece.start], scene.means).color
-        axes.axvspan(start, stop, ymin=0.94, color=color, lw=0, alpha=0.85)
+        axes.axvspan(start, stop, ymin=0.94, color=motion.piece_look(scene, episode, piece).color, lw=0, alpha=0.85)
         axes.axvline(start, color=BETWEEN, lw=0.5, zorder=0)
         if piece.skill >= 0:
             axes.annotate(

@@ -108,11 +108,12 @@ def test_only_a_box_has_edges() -> None:
 
 
 def test_a_box_has_to_start_on_the_table_wherever_it_is_drawn() -> None:
-    check_start(PUSH, 0.12)
-    check_start(REACH, 0.12)
-    for task, spread in ((PushTask(box_start=(0.2, 0)), 0.0), (PushTask(box_start=(0.4, 0)), 0.12)):
+    check_start(PUSH, -0.12, 0.12)
+    check_start(PUSH, 0.0, 0.4)  # to one side only
+    check_start(REACH, -9.0, 9.0)
+    for start, low, high in ((0.2, 0.0, 0.0), (0.4, -0.12, 0.12), (0.9, 0.0, 0.3)):
         with pytest.raises(UsageError, match="starts off the table") as caught:
-            check_start(task, spread)
+            check_start(PushTask(box_start=(start, 0)), low, high)
         assert "(0.33, -0.57) .. (1.11, 0.57)" in str(caught.value.hint)
 
 

@@ -16,7 +16,7 @@ from matplotlib.image import imread
 from skillcli.errors import SkillError, UsageError
 from skillcli.viz import canvas, motion, panels_space
 from skillcli.viz.figures import draw, figure
-from skillcli.viz.palette import fed_look, look
+from skillcli.viz.palette import look
 
 
 def titles(drawn: Figure) -> list[str]:
@@ -62,8 +62,7 @@ def test_mean_paths_have_the_look_of_their_skill() -> None:
 def test_an_executed_path_has_the_colour_of_each_piece() -> None:
     scene = scenes.make("compose", "reach")
     drawn = [line for line in draw(scene).axes[0].lines if len(line.get_xdata()) > 2]
-    fed = scene.trajectories.latent[0]
-    expected = [fed_look(piece.skill, fed[piece.start], scene.means).color for piece in motion.pieces(scene, 0)]
+    expected = [motion.piece_look(scene, 0, piece).color for piece in motion.pieces(scene, 0)]
     assert [line.get_color() for line in drawn] == expected
 
 

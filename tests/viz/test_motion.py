@@ -8,6 +8,7 @@ import scenes
 
 from skillcli.trajectories import Trajectories
 from skillcli.viz import motion
+from skillcli.viz.palette import fed_look, look
 
 
 def test_a_waypoint_is_passed_where_the_path_leads_away_again() -> None:
@@ -186,3 +187,13 @@ def test_a_scene_refuses_labels_that_do_not_match_its_episodes() -> None:
     scene = scenes.make("compose", "point")
     with pytest.raises(ValueError, match="episode_labels has 2 rows, expected 1"):
         replace(scene, episode_labels=("a", "b"))
+
+
+def test_a_blend_has_the_colours_of_both_its_ends() -> None:
+    scene = scenes.make("compose", "reach")
+    piece = motion.Piece(0, 10, -1)
+    blend = np.linspace(scene.means[0], scene.means[1], 11)[None, :10]
+    data = replace(scene.trajectories, latent=np.concatenate([blend, scene.trajectories.latent[:1, 10:]], axis=1))
+    middle = motion.piece_look(replace(scene, trajectories=data), 0, piece)
+    assert middle == fed_look(-1, (scene.means[0] + scene.means[1]) / 2, scene.means)
+    assert motion.piece_look(scene, 0, motion.Piece(0, 1, 3)) == look(3)

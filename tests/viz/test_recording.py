@@ -14,7 +14,7 @@ from rerun.chunk import RrdReader
 
 from skillcli.errors import SkillError
 from skillcli.viz import motion
-from skillcli.viz.palette import fed_look, look, rgba
+from skillcli.viz.palette import look, rgba
 from skillcli.viz.recording import notes, record
 from skillcli.viz.recording.clock import PAUSE_S, clocks
 from skillcli.viz.recording.space import rest_after
@@ -117,8 +117,7 @@ def test_paths_are_cut_and_coloured_by_skill(tmp_path: Path) -> None:
     (strips,) = column(tmp_path / "scene.rrd", entity, "LineStrips3D:strips")
     pieces = motion.pieces(scene, 0)
     assert [piece.skill for piece in pieces].count(-1) == 4
-    fed = scene.trajectories.latent[0]
-    assert colors == [packed(fed_look(p.skill, fed[p.start], scene.means).color) for p in pieces]
+    assert colors == [packed(motion.piece_look(scene, 0, piece).color) for piece in pieces]
     for piece, strip in zip(pieces, strips, strict=True):
         assert np.allclose(strip, scene.trajectories.judged[0, piece.start : piece.stop + 1], atol=1e-6)
 

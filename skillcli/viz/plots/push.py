@@ -16,7 +16,7 @@ from skillcli.metrics import angle_deg, neighbours
 from skillcli.trajectories import Array
 from skillcli.viz import motion, panels_space
 from skillcli.viz.canvas import WIDTH, blank, legend, mark, skill_handles
-from skillcli.viz.palette import BETWEEN, TARGET, fed_look, look
+from skillcli.viz.palette import BETWEEN, TARGET, look
 from skillcli.viz.scene import Scene
 
 COLUMNS = 4
@@ -39,7 +39,7 @@ def skill_pushes(scene: Scene) -> Figure:
             if motion.episode_skill(scene, episode) == skill and episode not in at_means.values():
                 axes.plot(*_moved(scene, episode).T, color=style.color, lw=0.5, alpha=0.45, zorder=2)
         if skill in at_means:
-            _push(axes, scene, at_means[skill], [(0, None, skill)])
+            _push(axes, scene, at_means[skill], [motion.Piece(0, int(scene.trajectories.length[at_means[skill]]), skill)])
         _goal(axes, scene, _local(scene, scene.goals[skill], at_means.get(skill, 0)))
         _name(axes, panels_space.numbered(scene, skill))
     _equal_limits(grid[1])
@@ -154,16 +154,15 @@ def _moved(scene: Scene, episode: int) -> Array:
     return _local(scene, motion.path(scene, episode), episode)
 
 
-def _push(axes: Axes, scene: Scene, episode: int, pieces: Sequence[tuple[int, int | None, int]]) -> None:
+def _push(axes: Axes, scene: Scene, episode: int, pieces: Sequence[motion.Piece]) -> None:
     """One push: gripper thin, box in the look of each piece's skill, its outline at the start and at the end."""
     moved, data = _moved(scene, episode), scene.trajectories
     if data.gripper_position is not None:
         hand = _local(scene, data.gripper_position[episode, : len(moved)], episode)
         axes.plot(*hand.T, color=TARGET, lw=0.6, zorder=2)
-    for start, stop, skill in pieces:
-        end = None if stop is None else stop + 1
-        style = fed_look(skill, data.latent[episode, start], scene.means)
-        axes.plot(*moved[start:end].T, color=style.color, ls=style.dash, lw=1.8, zorder=4)
+    for piece in pieces:
+        style = motion.piece_look(scene, episode, piece)
+        axes.plot(*moved[piece.start : piece.stop + 1].T, color=style.color, ls=style.dash, lw=1.8, zorder=4)
     for row, filled in ((0, False), (len(moved) - 1, True)):
         corners = _corners(scene, episode, row) + moved[row]
         face = "#00000018" if filled else "none"

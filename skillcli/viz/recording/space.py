@@ -7,7 +7,7 @@ import rerun as rr
 
 from skillcli.trajectories import Array
 from skillcli.viz import kinematics, motion
-from skillcli.viz.palette import TARGET_IN_VIEWER, fed_look, rgba
+from skillcli.viz.palette import TARGET_IN_VIEWER, rgba
 from skillcli.viz.recording.clock import Clock
 from skillcli.viz.recording.layout import called, extent, group, key, skill_colors, slug
 from skillcli.viz.scene import Scene
@@ -106,8 +106,7 @@ def _strips(scene: Scene, episodes: list[int], radius: float, alpha: float, hand
             moved = scene.trajectories.gripper_position[episode]
         for part in motion.pieces(scene, episode):
             strips.append(moved[part.start : part.stop + 1])
-            fed = scene.trajectories.latent[episode, part.start]
-            colors.append(rgba(fed_look(part.skill, fed, scene.means).color, alpha))
+            colors.append(rgba(motion.piece_look(scene, episode, part).color, alpha))
     return rr.LineStrips3D(strips, colors=colors, radii=radius)
 
 
