@@ -21,8 +21,8 @@ from skillcli.recipe import PushTask
 # Contact. The friction cone is elliptic, else friction would depend on the direction of a push; condim 4 adds the torsion
 # that keeps a box from spinning under a finger; impratio makes friction stiffer than the normal force, so that a pushed
 # box does not creep. Impedance rises from nothing over the first millimetres: where a box goes then hangs less on the instant
-# of a touch. Table softer than finger is what keeps both the overlap below 3 mm and the outcome steady when the time step is
-# halved; docs/experiments.md has the study.
+# of a touch. Stiff enough to keep the overlap below 3 mm, no stiffer, since the outcome then hangs more on the time step;
+# docs/experiments.md has the study.
 IMPRATIO = 10.0
 TABLE_SOLREF, TABLE_SOLIMP = (0.01, 1.0), (0.0, 0.998, 0.003, 0.5, 1.0)
 FINGER_SOLREF, FINGER_SOLIMP = (0.01, 1.0), (0.0, 0.998, 0.002, 0.5, 1.0)

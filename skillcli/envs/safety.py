@@ -16,8 +16,8 @@ RANGE_TOLERANCE = 0.005
 
 # m. Contacts are soft here, so a finger that rests on the table sinks in a little. These bound how far geometry may overlap in
 # the simulation; they are no bound on the force, which depends on how soft the contact is. MuJoCo's own contact is stiff:
-# 0.05 mm is about 30 N on the fingertip. That of the push task rises from nothing: 1 mm is about 20 N, 1.5 mm about 110 N,
-# 1.6 mm about 200 N. Skills keep off the table where they were trained; where it is higher or tilted they may brush it.
+# 0.05 mm is about 30 N on the fingertip. That of the push task rises from nothing: 1 mm is about 45 N, 1.3 mm about
+# 120 N. Skills keep off the table where they were trained; where it is higher or tilted they may brush it.
 STIFF_TABLE_TOLERANCE = 5e-5
 SOFT_TABLE_TOLERANCE = 2e-3
 
