@@ -153,8 +153,9 @@ class ArmEnvironment:
         if disturbance.needed(parameters):
             self._disturbance = Disturbance(parameters, self.num, self.arms.substeps, self.control_period, rng)
         if sensors.needed(parameters):
-            self._sensors = Sensors(parameters, self.num, self.control_period, rng, self._true().shape[1])
-            self._sensors.begin(np.arange(self.num), self._true())
+            true = self._true()
+            self._sensors = Sensors(parameters, self.num, self.control_period, rng, true.shape[1])
+            self._sensors.begin(np.arange(self.num), true)
 
     def step(self, action: Array) -> Step:
         """See `Environment`."""

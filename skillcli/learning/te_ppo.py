@@ -62,16 +62,20 @@ FINAL_KL_SHARE = 0.05  # of the target KL, at the end of training
 
 def settled_kl(target: float, settle_from: float, progress: float) -> float:
     """The target KL at some progress of the training: as given up to `settle_from`, then shrinking linearly."""
-    left = 1.0 - max(0.0, progress - settle_from) / max(1.0 - settle_from, 1e-9)
-    return target * max(FINAL_KL_SHARE, left)
+    return target * max(FINAL_KL_SHARE, 1.0 - _settling(settle_from, progress))
 
 
 def settled_std(final: float, settle_from: float, progress: float) -> float:
     """The largest standard deviation of an action at some progress of the training: 1 up to `settle_from`, then down to
     `final` by the same factor each time. What is learned under noise relies on it: noise carries a box on.
     """
-    settled: float = final ** (max(0.0, progress - settle_from) / max(1.0 - settle_from, 1e-9))
+    settled: float = final ** _settling(settle_from, progress)
     return settled
+
+
+def _settling(settle_from: float, progress: float) -> float:
+    """How much of the settling is behind: 0 up to `settle_from`, 1 at the end of the training."""
+    return max(0.0, progress - settle_from) / max(1.0 - settle_from, 1e-9)
 
 
 @dataclass(frozen=True)
