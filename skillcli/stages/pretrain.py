@@ -73,11 +73,11 @@ def pretrain(
         UsageError: a goal of the recipe cannot be reached, or an episode cannot start as it says.
         SkillError: training came apart, or the store refuses.
     """
-    for goal in skill_goals(recipe.task):
-        check_goal(recipe.task, goal)
     offset = recipe.randomisation.ranges.get("object_offset")
     drawn = (0.0, *offset.values) if offset else (0.0,)  # at first nothing is drawn
     check_start(recipe.task, min(drawn), max(drawn))
+    for goal in skill_goals(recipe.task):
+        check_goal(recipe.task, goal)
     store.check_writable(name)
     checkpoint = store.checkpoint_path(name, "pretrain", inputs_of(recipe, seed))
     with stoppable() as stop:
