@@ -69,7 +69,8 @@ def test_a_finger_climbs_over_the_box_that_is_in_its_way(
 ) -> None:
     box = np.array([0.6, -0.2, half_edges[2]])
     place = np.array([0.6, -0.2, 0.0]) + finger
-    assert climb(place, box, box[:2] + [0.5, 0.0], half_edges) == pytest.approx(higher, abs=1e-12)
+    goal = box[:2] + np.array([0.5, 0.0])
+    assert climb(place, box, goal, half_edges) == pytest.approx(higher, abs=1e-12)
 
 
 def test_what_is_in_the_way_does_not_depend_on_where_the_goal_lies_from_a_square_box() -> None:
@@ -83,4 +84,4 @@ def test_what_is_in_the_way_does_not_depend_on_where_the_goal_lies_from_a_square
 
 def test_a_box_at_its_goal_is_in_nobodys_way() -> None:
     box = np.array([0.6, 0.0, 0.03])
-    assert climb(box + [0.0, 0.0, 0.03], box, box[:2], CUBE) * share(np.zeros(1)) == 0
+    assert climb(box + np.array([0.0, 0.0, 0.03]), box, box[:2], CUBE) * share(np.zeros(1)) == 0
