@@ -77,8 +77,9 @@ def push_spec(task: PushTask, delay: bool = False, robot: Robot | None = None) -
 class PushEnvironment(ArmEnvironment):
     """N Sawyer arms with a box each.
 
-    Observed beside the joints: the gripper's position relative to the box, m, as in the paper; where the box is on the table
-    follows from joints and relative position together, where it started does not.
+    Observed beside the joints: the gripper's position relative to the box, m, as in the paper. Where the box is on the table
+    follows from the two together, which a network takes long to learn: `task.observe_place` shows that as well. Where it
+    started follows from nothing.
 
     A goal is a place on the table: the nominal start of the box and the skill's displacement. The judged point is the
     centre of the box in the plane of the table (z = 0). See `reward` for the shaping and `failed` for lost boxes.
@@ -91,6 +92,7 @@ class PushEnvironment(ArmEnvironment):
 
     def __init__(self, task: PushTask, num: int, threads: int = 0, delay: bool = False, robot: Robot | None = None) -> None:
         self._task = task
+        self.shown_size = 2 if task.observe_place else 0
         self._box_start = np.array(task.box_start)
         self._table_height, self._box_offset = np.zeros(num), np.zeros((num, 2))
         self._tilt: Array | None = None  # (N, 2) rad, of the table
@@ -150,6 +152,12 @@ class PushEnvironment(ArmEnvironment):
     def position(self) -> Array:
         """See `ArmEnvironment`."""
         return self.arms.gripper_position - self.arms.object_pose[:, :3]
+
+    def shown(self) -> Array:
+        """See `ArmEnvironment`; where on the table the box seems to be, m."""
+        if self._sensors is None:
+            return self.arms.object_pose[:, :2]
+        return self._measured[:, 10:12] - self._measured[:, 7:9]
 
     def judged(self) -> Array:
         """See `Environment`."""
