@@ -117,6 +117,9 @@ class PushTask(ArmTask):
     box_size: Vector3 = value((0.06, 0.06, 0.06), "full edges of the box", "m")
     box_mass: float = value(0.3, "of the box, evenly filled", "kg", gt=0, le=5)
     friction: float = value(0.6, "sliding friction between box and table, and box and finger", "", gt=0, le=3)
+    observe_place: bool = value(
+        False, "the policy also sees where on the table the box is, as joints and relative position together tell"
+    )
 
     @model_validator(mode="before")
     @classmethod

@@ -65,7 +65,7 @@ def test_overrides_reach_nested_keys_lists_and_bare_words() -> None:
 
 def test_another_task_brings_its_own_defaults() -> None:
     assert load_recipe("point", ["task.name=reach"]).task == load_recipe("reach").task
-    assert load_recipe("reach", ["task.name=push"]).task == load_recipe("push").task
+    assert load_recipe("reach", ["task.name=push"]).task == load_recipe("push-single-start").task
 
 
 @pytest.mark.parametrize(

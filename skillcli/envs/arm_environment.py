@@ -24,9 +24,9 @@ REMEMBERED = 3  # control steps of which commands are kept for a look: as far ba
 class ArmEnvironment:
     """N Sawyer arms; a task says what is seen beside the joints, what is judged, what earns reward and what has failed.
 
-    Observation (10): seven joint angles, rad, and one position, m; where the task says so, seven more: how far the
-    commanded joint target leads the measured joints, rad, which tells commands that are delayed or not yet obeyed. Action
-    (7): joint increments in units of the action limit.
+    Observation (10): seven joint angles, rad, and one position, m; then what else a task of its own shows; and, where the task
+    says so, seven more: how far the commanded joint target leads the measured joints, rad, which tells commands that are
+    delayed or not yet obeyed. Action (7): joint increments in units of the action limit.
 
     Args:
         task: start, clock and limits.
@@ -38,6 +38,7 @@ class ArmEnvironment:
     """
 
     action_size = 7
+    shown_size = 0  # numbers of `shown`
     privileged_size = 0
     failure_reward = 0.0  # of the step that fails
     table_tolerance = STIFF_TABLE_TOLERANCE
@@ -47,7 +48,8 @@ class ArmEnvironment:
     ) -> None:
         self.num, self.horizon, self.tolerance = num, task.horizon, task.tolerance
         self.control_period = task.control_period
-        self.observation_size = 17 if task.observe_command else 10
+        self._observe_command = task.observe_command
+        self.observation_size = 10 + self.shown_size + (7 if task.observe_command else 0)
         substeps = round(task.control_period / spec.option.timestep)
         names = robot.names if robot else sawyer.NAMES
         self.arms = Arms(spec.compile(), num, substeps, task.action_limit, threads, names)
@@ -66,6 +68,10 @@ class ArmEnvironment:
 
     def position(self) -> Array:
         """What is observed beside the joints, (N, 3) m."""
+        raise NotImplementedError
+
+    def shown(self) -> Array:
+        """What else is observed, from what was measured last; (N, `shown_size`)."""
         raise NotImplementedError
 
     def judged(self) -> Array:
@@ -136,8 +142,10 @@ class ArmEnvironment:
         else:
             self._measured = self._sensors.read().astype(np.float32)
             observation[:, :10] = self._measured[:, :10]
-        if self.observation_size > 10:
-            observation[:, 10:] = self._commanded() - observation[:, :7]
+        if self.shown_size:
+            observation[:, 10 : 10 + self.shown_size] = self.shown()
+        if self._observe_command:
+            observation[:, -7:] = self._commanded() - observation[:, :7]
         return observation
 
     def perturb(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:

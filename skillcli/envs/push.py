@@ -15,7 +15,7 @@ from skillcli.envs.environment import Array
 from skillcli.envs.robot import Robot
 from skillcli.envs.safety import SOFT_TABLE_TOLERANCE, Cover
 from skillcli.errors import UsageError
-from skillcli.pushing import CONTACT_GAP, place_behind, share
+from skillcli.pushing import CONTACT_GAP, climb, place_behind, share
 from skillcli.recipe import PushTask
 
 # Contact. The friction cone is elliptic, else friction would depend on the direction of a push; condim 4 adds the torsion
@@ -77,8 +77,9 @@ def push_spec(task: PushTask, delay: bool = False, robot: Robot | None = None) -
 class PushEnvironment(ArmEnvironment):
     """N Sawyer arms with a box each.
 
-    Observed beside the joints: the gripper's position relative to the box, m, as in the paper; where the box is on the table
-    follows from joints and relative position together, where it started does not.
+    Observed beside the joints: the gripper's position relative to the box, m, as in the paper. Where the box is on the table
+    follows from the two together, which a network takes long to learn: `task.observe_place` shows that as well. Where it
+    started follows from nothing.
 
     A goal is a place on the table: the nominal start of the box and the skill's displacement. The judged point is the
     centre of the box in the plane of the table (z = 0). See `reward` for the shaping and `failed` for lost boxes.
@@ -91,6 +92,7 @@ class PushEnvironment(ArmEnvironment):
 
     def __init__(self, task: PushTask, num: int, threads: int = 0, delay: bool = False, robot: Robot | None = None) -> None:
         self._task = task
+        self.shown_size = 2 if task.observe_place else 0
         self._box_start = np.array(task.box_start)
         self._table_height, self._box_offset = np.zeros(num), np.zeros((num, 2))
         self._tilt: Array | None = None  # (N, 2) rad, of the table
@@ -151,6 +153,12 @@ class PushEnvironment(ArmEnvironment):
         """See `ArmEnvironment`."""
         return self.arms.gripper_position - self.arms.object_pose[:, :3]
 
+    def shown(self) -> Array:
+        """See `ArmEnvironment`; where on the table the box seems to be, m."""
+        if self._sensors is None:
+            return self.arms.object_pose[:, :2]
+        return self._measured[:, 10:12] - self._measured[:, 7:9]
+
     def judged(self) -> Array:
         """See `Environment`."""
         point = self.arms.object_pose[:, :3].copy()
@@ -171,8 +179,9 @@ class PushEnvironment(ArmEnvironment):
         """The shaping, per control step; distances in m.
 
         - minus 2 times the distance of box and goal: what is asked for
-        - minus 0.5 times the distance of the finger and the point behind the box: leads the finger round the box, since a
-          push from the wrong side makes the first term worse. Fades within 3 cm of the goal, where that point jumps.
+        - minus 0.5 times the finger's way to the point behind the box: leads the finger round the box, since a push from the
+          wrong side makes the first term worse. Straight there, and up to the top of the box first as long as that is in the
+          way (`pushing.climb`). Fades within 3 cm of the goal, where that point jumps.
         - plus 0.3 times how far inside 5 cm the box is, from 0 at the rim to 1 at the goal: the last centimetres cost a
           detour round the box, and are worth it
         - minus 5 times the square of the box's speed, in m/s: it is to be pushed, not struck. Where a struck box stops hangs on
@@ -187,7 +196,7 @@ class PushEnvironment(ArmEnvironment):
         The step that loses the box earns `LOST` instead.
         """
         distance = np.linalg.norm(self.target[:, :2] - self.arms.object_pose[:, :2], axis=1)
-        finger = np.linalg.norm(self.arms.gripper_position - self.behind(), axis=1)
+        finger = np.linalg.norm(self.arms.gripper_position - self.behind(), axis=1) + self._climb()
         inside = np.maximum(0.0, 1.0 - distance / 0.05)
         struck = (self.arms.object_velocity[:, :2] ** 2).sum(axis=1)
         gripper = self.arms.gripper_position
@@ -198,6 +207,11 @@ class PushEnvironment(ArmEnvironment):
         costs = 5.0 * struck + 0.01 * self._tipping() ** 2 + 10.0 * low + 0.3 * pressed
         shaped: Array = -2.0 * distance - 0.5 * finger * share(distance) + 0.3 * inside - costs
         return shaped
+
+    def _climb(self) -> Array:
+        """How much higher the fingers have to be to pass over the box that is in their way, (N,) m."""
+        box = self.arms.object_pose[:, :3]
+        return climb(self.arms.gripper_position, box, self.target[:, :2], self._half_edges)
 
     def _tipping(self) -> Array:
         """Speed at which the boxes turn about anything but the vertical, (N,) rad/s."""

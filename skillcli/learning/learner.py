@@ -55,13 +55,15 @@ class Learner:
             SkillError: training came apart.
         """
         training = self.recipe.training
+        progress = self.iteration / training.iterations
+        # Before the rollout and not in the update: there it would count as the policy's own change and use up the target KL.
+        self.agent.policy.bound(te_ppo.settled_std(training.final_action_std, training.settle_from, progress))
         self._randomise()
         rollout = collect(self.env, self.agent, self.pool, training.chained_starts, self.rng)
         seen = (torch.from_numpy(rollout.observation).flatten(0, 1), torch.from_numpy(rollout.privileged).flatten(0, 1))
         if self.iteration == 0:  # before the first update there is nothing to normalise by
             self.agent.update_normalizers(*seen)
         batch, prepared = te_ppo.prepare(rollout, self.agent, training)
-        progress = self.iteration / training.iterations
         updated = te_ppo.update(batch, self.agent, self.optimizers, training, progress, self.rng)
         if self.iteration > 0:
             self.agent.update_normalizers(*seen)

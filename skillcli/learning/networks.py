@@ -72,8 +72,8 @@ class Policy(nn.Module):
         return self.log_std.exp()
 
     @torch.no_grad()
-    def bound(self, max_std: float) -> None:
-        """Keep the standard deviation within bounds; after a step, so that it can always come back."""
+    def bound(self, max_std: float = 1.0) -> None:
+        """Keep the standard deviation within bounds; between steps, so that it can always come back."""
         self.log_std.clamp_(math.log(self.MIN_STD), math.log(max_std))
 
 

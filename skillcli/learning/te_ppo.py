@@ -167,15 +167,14 @@ def update(
     """Several epochs over one batch. Policy and embedding, and value and inference, share no weights: two threads.
 
     `progress` of the training goes from 0 to 1. Towards its end the target KL shrinks, so that the last steps settle instead
-    of wandering, and exploration with it.
+    of wandering.
 
     Each thread runs its own torch operations on one core, so the result does not depend on how many cores there are.
     """
     orders = [rng.permutation(len(batch.skill)) for _ in range(training.epochs)]
     with ThreadPoolExecutor(2, initializer=torch.set_num_threads, initargs=(1,)) as threads:
         target_kl = settled_kl(training.target_kl, training.settle_from, progress)
-        max_std = settled_std(training.final_action_std, training.settle_from, progress)
-        actor = threads.submit(_update_actor, batch, agent, optimizers, training, target_kl, max_std, orders)
+        actor = threads.submit(_update_actor, batch, agent, optimizers, training, target_kl, orders)
         critic = threads.submit(_update_critics, batch, agent, optimizers, training, orders)
         return actor.result() | critic.result()
 
@@ -195,9 +194,8 @@ def _descend(optimizer: torch.optim.Adam, loss: Tensor, max_norm: float) -> None
 
 
 def _update_actor(
-    batch: Batch, agent: Agent, optimizers: Optimizers, training: Training, target_kl: float, max_std: float,
-    orders: list[Array],
-) -> dict[str, float]:  # fmt: skip
+    batch: Batch, agent: Agent, optimizers: Optimizers, training: Training, target_kl: float, orders: list[Array]
+) -> dict[str, float]:
     kl = 0.0
     for order in orders:
         divergences: list[float] = []
@@ -208,7 +206,7 @@ def _update_actor(
             loss = loss - training.policy_entropy * gaussian.entropy(agent.policy.std)
             loss = loss - training.embedding_entropy * gaussian.entropy(agent.embedding.std).mean()
             _descend(optimizers.policy, loss, training.max_grad_norm)
-            agent.policy.bound(max_std)
+            agent.policy.bound()
             divergences.append(float(approximate_kl(log_prob.detach(), old)))
         kl = sum(divergences) / len(divergences)
         optimizers.policy_rate = adapted_learning_rate(optimizers.policy_rate, kl, target_kl)

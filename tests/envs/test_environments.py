@@ -14,7 +14,7 @@ TASKS: dict[str, Task] = {
     "point": PointTask(horizon=12),
     "reach": ReachTask(horizon=12),
     # a tall box right beside the finger, so that random actions push it
-    "push": PushTask(horizon=12, box_start=(0.6, 0.05), box_size=(0.06, 0.06, 0.2)),
+    "push": PushTask(horizon=12, box_start=(0.6, 0.05), box_size=(0.06, 0.06, 0.2), observe_place=True),
 }
 STEPS = 6
 
@@ -113,7 +113,8 @@ def test_an_episode_begun_from_a_saved_state_has_its_clock_at_zero(task: Task) -
 def test_every_number_that_is_observed_changes_under_random_actions(task: Task) -> None:
     env = fresh(task, 4)
     seen = motion(drive(env, random_actions(env, env.horizon)))
-    assert (np.ptp(seen, axis=0) > 1e-4).all()
+    changes = np.ptp(seen, axis=0) > 1e-4  # in every simulation, but for the place of a box that an arm does not touch
+    assert changes.any(axis=0).all() and changes[:, :10].all()
 
 
 def test_what_is_returned_shares_no_memory_with_the_simulation(task: Task) -> None:

@@ -410,6 +410,37 @@ def test_the_policy_sees_neither_speed_nor_goal_nor_robot() -> None:
     np.testing.assert_array_equal(env.observe(), other.observe())
 
 
+def test_where_the_box_is_follows_from_what_the_paper_observes_and_is_shown_where_the_task_says_so() -> None:
+    seeing = PushEnvironment(PushTask(observe_place=True, observe_command=True), 2)
+    seeing.perturb({"object_offset": np.array([[0.1, -0.05], [0, 0]])}, np.random.default_rng(0))
+    seeing.reset(everyone(seeing), np.zeros(2, dtype=int))
+    assert (PushEnvironment(TASK, 1).observation_size, seeing.observation_size) == (10, 19)
+    for _ in range(3):
+        seen = seeing.step(np.full((2, 7), 0.3)).observation
+    np.testing.assert_allclose(seen[:, 10:12], [[0.7, -0.05], [0.6, 0.0]], atol=1e-5)
+    np.testing.assert_allclose(seen[:, 10:12], seeing.arms.gripper_position[:, :2] - seen[:, 7:9], atol=1e-6)
+    np.testing.assert_allclose(seen[:, 12:], seeing.arms.commanded - seen[:, :7], atol=1e-6)
+
+
+def test_the_place_of_the_box_is_shown_as_late_and_as_wrong_as_the_sensors_tell_it() -> None:
+    env = PushEnvironment(PushTask(observe_place=True), 1)
+    env.perturb({"observation_latency": np.array([0.1])}, np.random.default_rng(0))
+    env.reset(everyone(env), np.zeros(1, dtype=int))
+    env.arms.object_velocity[:, 1] = 0.5
+    places = [env.arms.object_pose[0, :2].copy()]
+    for _ in range(3):
+        seen = env.step(np.zeros((1, 7))).observation
+        places.append(env.arms.object_pose[0, :2].copy())
+    np.testing.assert_allclose(seen[0, 10:12], places[-3], atol=1e-6)
+    assert places[-1][1] - places[-3][1] > 1e-3
+    noisy = PushEnvironment(PushTask(observe_place=True), 64)
+    noisy.perturb({"position_noise": np.full(64, 0.01)}, np.random.default_rng(0))
+    noisy.reset(everyone(noisy), np.zeros(64, dtype=int))
+    off = noisy.observe()[:, 10:12] - noisy.arms.object_pose[:, :2]
+    assert off.std() == pytest.approx(0.01, rel=0.2)
+    np.testing.assert_allclose(off, noisy.look().judged[:, :2] - noisy.arms.object_pose[:, :2], atol=1e-6)
+
+
 def test_a_box_that_lies_still_is_seen_to_lie_still_however_late_the_sensors_are_and_the_arm_moves() -> None:
     env = perturbed(2, observation_latency=[0.1, 0.125])
     for _ in range(6):

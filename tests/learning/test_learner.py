@@ -73,6 +73,17 @@ def test_training_goes_on_from_a_saved_state_bit_for_bit(recipe: Recipe) -> None
     assert resumed.env_steps == whole.env_steps == 6 * 8 * 10
 
 
+def test_exploration_that_comes_down_is_not_the_policys_own_change() -> None:
+    """Else every update at the end would be too large for the target KL, and the step size would sink to nothing."""
+    recipe = resolve(RECIPE.model_dump(mode="json"), ["training.final_action_std=0.03", "training.settle_from=0.0"])
+    trained = learner(recipe=recipe)
+    trained.iteration = 5  # of 6: from a standard deviation of 0.6 to one of 0.05 at once
+    trained.optimizers.policy_rate = 1e-5
+    run(trained, 1)
+    assert trained.curves["action_std"][-1] == pytest.approx(0.03 ** (5 / 6), rel=1e-3)
+    assert 0 <= trained.curves["kl"][-1] < 1e-3
+
+
 def test_a_point_learns_its_skills() -> None:
     recipe = load_recipe("point", ["training.chained_starts=0"])
     trained = run(Learner(make(recipe.task, 32), recipe, 0), 15)

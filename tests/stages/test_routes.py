@@ -59,8 +59,8 @@ def test_stored_push_skills_act_as_the_trained_ones_did(push_chain: Path) -> Non
     artifact = read(push_chain, "pretrain")
     weights = artifact.group("weights")
     assert weights["privileged_normalizer.mean"].shape == (11,)
-    assert weights["value.body.0.weight"].shape[1] == 10 + 11 + 2 + 4, "the value function sees the whole simulation"
-    assert weights["policy.body.0.weight"].shape[1] <= 10 + 2, "the policy does not"
+    assert weights["value.body.0.weight"].shape[1] == 12 + 11 + 2 + 4, "the value function sees the whole simulation"
+    assert weights["policy.body.0.weight"].shape[1] <= 12 + 2, "the policy does not"
     library = open_library(Store(push_chain), artifact)
     again = evaluate(library.recipe, library.agent, seed=0, threads=1)
     np.testing.assert_array_equal(again.final_distance, artifact.arrays["evaluation/final_distance"])
