@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
-SAFETY_LIMITS = ("joint_range", "joint_speed", "table_clearance")  # what may be broken, by column of `violations`
+# What may be broken, by column of `violations`; where there is no box, there is no last column.
+SAFETY_LIMITS = ("joint_range", "joint_speed", "table_clearance", "box_pressed")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -37,6 +37,9 @@ class Simulations(Protocol):
     def restore(self, ids: Array, rows: Array) -> None:
         """Put saved states into slots."""
 
+    def violations(self) -> Array:
+        """Which safety limits the present state breaks, (N, K) bool."""
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -55,10 +58,12 @@ class LatentEnvironment:
         env: simulations, `robots` for each slot: simulation i is a robot of the kind i modulo `robots`.
         act: the frozen policy.
         robots: M, on which every latent is tried side by side.
+        within_limits: whether a latent fails where a robot breaks a safety limit. Not for states that were measured: their
+            noise alone may break one.
     """
 
-    def __init__(self, env: Simulations, act: Act, robots: int = 1) -> None:
-        self._env, self._act, self.robots = env, act, robots
+    def __init__(self, env: Simulations, act: Act, robots: int = 1, within_limits: bool = False) -> None:
+        self._env, self._act, self.robots, self._within_limits = env, act, robots, within_limits
         self.slots = env.num // robots
         self.control_steps = 0  # spent so far, over all robots in use
         self.held = 0  # latents that were held so far, each from one state
@@ -97,6 +102,8 @@ class LatentEnvironment:
             step = self._env.step(self._act(observation, held))
             observation = step.observation
             failed |= step.terminated[used]
+            if self._within_limits:
+                failed |= self._env.violations()[used].any(axis=1)
             path.append(self._env.landmarks()[used])
         self.control_steps += steps * len(used)
         self.held += count

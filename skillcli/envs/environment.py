@@ -85,7 +85,7 @@ class Environment(Protocol):
         """
 
     def violations(self) -> Array:
-        """Which of `SAFETY_LIMITS` the present state breaks, (N, K) bool; K is 0 where there are no limits."""
+        """Which of the first K `SAFETY_LIMITS` the present state breaks, (N, K) bool; K is 0 where there are no limits."""
 
     def snapshot(self) -> dict[str, Array]:
         """What a recording keeps of the present moment, by the names of `Trajectories`, each (N, ...)."""

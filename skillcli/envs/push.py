@@ -13,7 +13,7 @@ from skillcli.envs.arm_environment import ArmEnvironment
 from skillcli.envs.arms import CONTACT_FORCE, OBJECT
 from skillcli.envs.environment import Array
 from skillcli.envs.robot import Robot
-from skillcli.envs.safety import SOFT_TABLE_TOLERANCE, Cover
+from skillcli.envs.safety import BOX_TOLERANCE, SOFT_TABLE_TOLERANCE, Cover
 from skillcli.errors import UsageError
 from skillcli.pushing import CONTACT_GAP, climb, place_behind, share
 from skillcli.recipe import PushTask
@@ -221,6 +221,23 @@ class PushEnvironment(ArmEnvironment):
         spin = np.einsum("ij,ij->i", turning, up)
         speed: Array = np.linalg.norm(turning - spin[:, None] * up, axis=1)
         return speed
+
+    def violations(self) -> Array:
+        """See `ArmEnvironment`; and boxes that are pressed into the table too deep."""
+        return np.column_stack([super().violations(), self._sunk() > BOX_TOLERANCE])
+
+    def _sunk(self) -> Array:
+        """How far the lowest corners of boxes on the table are below its top, (N,) m."""
+        position, rotation = self.arms.geom_frames()
+        model = self.arms.model
+        top, box = model.geom("table").id, model.geom(OBJECT).id
+        plane, turn = (rotation[:, geom].reshape(-1, 3, 3) for geom in (top, box))
+        centre = np.einsum("ni,nij->nj", position[:, box] - position[:, top], plane)
+        reach = (np.abs(np.einsum("ni,nik->nk", plane[..., 2], turn)) * self._half_edges).sum(axis=1)  # down from there
+        half = model.geom_size[top]
+        on_table = (np.abs(centre[:, :2]) <= half[:2]).all(axis=1)
+        sunk: Array = np.where(on_table, reach + half[2] - centre[:, 2], 0.0)
+        return sunk
 
     def failed(self) -> Array:
         """A box that fell off the table, flies or was thrown, or an unstable simulation, (N,) bool."""

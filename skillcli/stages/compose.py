@@ -184,7 +184,7 @@ def _violations(recording: Trajectories) -> dict[str, int]:
     """Control steps beyond each limit that is broken, over all routes."""
     if recording.violations is None:
         return {}
-    steps = zip(SAFETY_LIMITS, recording.violations.sum(axis=0).tolist(), strict=True)
+    steps = zip(SAFETY_LIMITS, recording.violations.sum(axis=0).tolist(), strict=False)
     return {limit: count for limit, count in steps if count}
 
 

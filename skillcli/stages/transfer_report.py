@@ -69,7 +69,7 @@ def broken(recording: Trajectories) -> dict[str, int]:
     """Episodes that break each limit; empty where the task has none."""
     if recording.violations is None:
         return {}
-    return dict(zip(SAFETY_LIMITS, (recording.violations > 0).sum(axis=0).tolist(), strict=True))
+    return dict(zip(SAFETY_LIMITS, (recording.violations > 0).sum(axis=0).tolist(), strict=False))
 
 
 def worst(target: Target, recording: Trajectories, first: int) -> list[dict[str, Any]]:

@@ -28,6 +28,9 @@ class Plane:
         self.position = self.position + action
         return SimpleNamespace(observation=self.observe(), terminated=self.position[:, 0] > 10)
 
+    def violations(self) -> Array:
+        return np.stack([self.position[:, 1] > 2, self.position[:, 2] > 2], axis=1)
+
     def save(self, ids: Array) -> Array:
         return self.position[ids]
 
@@ -67,6 +70,14 @@ def test_several_robots_side_by_side_are_each_held_on_its_own(slots: int) -> Non
 def test_a_failure_on_the_way_is_kept_even_if_it_passes() -> None:
     rows, latent = np.array([[9.5, 0, 0], [0, 0, 0]]), np.array([[1.0, 0, 0], [1, 0, 0]])
     assert LatentEnvironment(Plane(2), act).hold(rows, latent, 3).failed.tolist() == [[True], [False]]
+
+
+def test_a_limit_that_one_robot_breaks_on_the_way_is_a_failure_where_limits_are_to_be_kept() -> None:
+    rows = np.array([[0.0, 0, 0, 0, 1.5, 0], [0, 0, 0, 0, 0, 0]])
+    latent = np.array([[0.0, 1, 0], [0, 0.2, 0.2]])
+    for kept, expected in ((True, [[False, True], [False, False]]), (False, [[False, False]] * 2)):
+        world = LatentEnvironment(Plane(4), act, robots=2, within_limits=kept)
+        assert world.hold(rows, latent, 2).failed.tolist() == expected
 
 
 def test_the_start_is_where_the_first_slot_stands() -> None:

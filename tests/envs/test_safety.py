@@ -8,12 +8,13 @@ import pytest
 
 from skillcli.envs.environment import SAFETY_LIMITS
 from skillcli.envs.point import PointEnvironment
+from skillcli.envs.push import PushEnvironment
 from skillcli.envs.reach import ReachEnvironment
-from skillcli.envs.safety import RANGE_TOLERANCE, Clearance
+from skillcli.envs.safety import BOX_TOLERANCE, RANGE_TOLERANCE, Clearance
 from skillcli.envs.sawyer import VELOCITY_LIMIT
-from skillcli.recipe import PointTask, ReachTask
+from skillcli.recipe import PointTask, PushTask, ReachTask
 
-RANGE, SPEED, TABLE = range(3)
+RANGE, SPEED, TABLE, BOX = range(4)
 
 SCENE = """
 <mujoco>
@@ -63,8 +64,9 @@ def env(num: int = 2) -> ReachEnvironment:
 
 
 def test_an_arm_at_the_start_breaks_nothing() -> None:
-    found = env().violations()
-    assert found.shape == (2, len(SAFETY_LIMITS)) and found.dtype == bool and not found.any()
+    for arms, limits in ((env(), SAFETY_LIMITS[:3]), (PushEnvironment(PushTask(), 2), SAFETY_LIMITS)):
+        found = arms.violations()
+        assert found.shape == (2, len(limits)) and found.dtype == bool and not found.any()
 
 
 def test_a_joint_past_its_range_by_more_than_a_soft_stop_gives_way_breaks_the_range() -> None:
@@ -98,6 +100,36 @@ def test_the_table_counts_where_it_is() -> None:
     arms.perturb({"table_height": np.array([tip - 0.005, tip + 0.01])}, np.random.default_rng(0))
     arms.reset(np.arange(2), np.zeros(2, dtype=np.int64))
     assert arms.violations()[:, TABLE].tolist() == [False, True]
+
+
+HALF = 0.03  # m, of the box's edge
+ON_EDGE = (np.cos(np.pi / 8), np.sin(np.pi / 8), 0.0, 0.0)
+ON_CORNER = (0.8804762, 0.2798481, 0.3647052, 0.1159169)  # 45 degrees about y, then 35.26 about x: a diagonal upright
+
+
+@pytest.mark.parametrize(
+    ("orientation", "rest"),
+    [((1.0, 0, 0, 0), HALF), ((0.6, 0, 0, 0.8), HALF), (ON_EDGE, np.sqrt(2) * HALF), (ON_CORNER, np.sqrt(3) * HALF)],
+)
+def test_a_box_is_pressed_where_its_lowest_corner_is_too_deep(orientation: tuple[float, ...], rest: float) -> None:
+    push = PushEnvironment(PushTask(), 4)
+    deep = np.array([-0.01, 0.9 * BOX_TOLERANCE, 1.1 * BOX_TOLERANCE, 1.1 * BOX_TOLERANCE])
+    rows = push.arms.object_pose.copy()
+    rows[:, 2], rows[:, 3:] = rest - deep, orientation
+    rows[3, 1] = 3.0  # beside the table: that is another failure
+    push.arms.place(np.arange(4), push.arms.joint_position, rows)
+    assert push.violations()[:, BOX].tolist() == [False, False, True, False]
+
+
+def test_a_box_is_pressed_into_the_table_that_is_there() -> None:
+    push = PushEnvironment(PushTask(), 3)
+    push.perturb({"table_tilt": np.array([[0.1, -0.05]] * 3), "table_height": np.full(3, 0.02)}, np.random.default_rng(0))
+    push.reset(np.arange(3), np.zeros(3, dtype=np.int64))
+    assert not push.violations().any()
+    rows = push.arms.object_pose.copy()
+    rows[:, 2] -= np.array([0.9, 1.1, 1.1]) * BOX_TOLERANCE
+    push.arms.place(np.arange(3), push.arms.joint_position, rows)
+    assert push.violations()[:, BOX].tolist() == [False, True, True]
 
 
 def test_looking_at_the_limits_changes_nothing() -> None:
