@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
-# What may be broken, by column of `violations`; where there is no box, there is no last column.
-SAFETY_LIMITS = ("joint_range", "joint_speed", "table_clearance", "box_pressed")
+# What may be broken, by column of `violations`; where there is no box, there are no columns about one.
+SAFETY_LIMITS = ("joint_range", "joint_speed", "table_clearance", "box_pressed", "box_tipped")
 
 
 @dataclass(frozen=True, kw_only=True)

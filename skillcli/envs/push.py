@@ -13,7 +13,7 @@ from skillcli.envs.arm_environment import ArmEnvironment
 from skillcli.envs.arms import CONTACT_FORCE, OBJECT
 from skillcli.envs.environment import Array
 from skillcli.envs.robot import Robot
-from skillcli.envs.safety import BOX_TOLERANCE, SOFT_TABLE_TOLERANCE, Cover
+from skillcli.envs.safety import BOX_TOLERANCE, SOFT_TABLE_TOLERANCE, UPRIGHT, Cover
 from skillcli.errors import UsageError
 from skillcli.pushing import CONTACT_GAP, climb, place_behind, share
 from skillcli.recipe import PushTask
@@ -223,8 +223,10 @@ class PushEnvironment(ArmEnvironment):
         return speed
 
     def violations(self) -> Array:
-        """See `ArmEnvironment`; and boxes that are pressed into the table too deep."""
-        return np.column_stack([super().violations(), self._sunk() > BOX_TOLERANCE])
+        """See `ArmEnvironment`; and boxes that are pressed into the table, or fall over."""
+        _, x, y, _ = self.arms.object_pose[:, 3:].T
+        tipped = 1 - 2 * (x**2 + y**2) < UPRIGHT
+        return np.column_stack([super().violations(), self._sunk() > BOX_TOLERANCE, tipped])
 
     def _sunk(self) -> Array:
         """How far the lowest corners of boxes on the table are below its top, (N,) m."""

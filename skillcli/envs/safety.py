@@ -1,10 +1,13 @@
-"""The limits that a real arm and its cell have: joint ranges, joint speeds, and a table that is no place for an arm or a box.
+"""The limits that a real arm and its cell have: joint ranges, joint speeds, a table that is no place for an arm, and a box that
+is to be pushed along it.
 
 Judged at the ends of control steps. The tolerances leave room for what the simulation's soft stops and soft contacts do
 where a real arm would do nothing wrong.
 """
 
 from __future__ import annotations
+
+import math
 
 import mujoco
 import numpy as np
@@ -24,6 +27,9 @@ SOFT_TABLE_TOLERANCE = 2e-3
 # m that a box may be pressed into the table: the overlap that the contact of the push task is made to stay below. With four
 # corners on the table 2.5 mm is about 120 N on the default box, 2.85 mm 600 N: beyond, it is rammed down.
 BOX_TOLERANCE = 3e-3
+
+# Cosine of how far a box may tip: past 45 degrees a cube falls over by itself, and where it then lies hangs on little.
+UPRIGHT = math.cos(math.radians(45))
 
 
 class Cover:

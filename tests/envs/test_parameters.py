@@ -98,7 +98,7 @@ def test_draws_within_the_bounds_of_every_parameter_at_once_end_in_failures_and_
             failures += int(step.terminated.sum())
             assert np.isfinite(step.observation).all() and np.isfinite(step.reward).all()
             assert np.isfinite(env.judged()).all() and np.isfinite(env.privileged()).all()
-            assert env.violations().shape == (64, 3 if kind is ReachEnvironment else 4)
+            assert env.violations().shape == (64, 3 if kind is ReachEnvironment else 5)
         assert failures > 0
 
 

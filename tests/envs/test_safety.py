@@ -14,7 +14,7 @@ from skillcli.envs.safety import BOX_TOLERANCE, RANGE_TOLERANCE, Clearance
 from skillcli.envs.sawyer import VELOCITY_LIMIT
 from skillcli.recipe import PointTask, PushTask, ReachTask
 
-RANGE, SPEED, TABLE, BOX = range(4)
+RANGE, SPEED, TABLE, BOX, TIPPED = range(5)
 
 SCENE = """
 <mujoco>
@@ -130,6 +130,20 @@ def test_a_box_is_pressed_into_the_table_that_is_there() -> None:
     rows[:, 2] -= np.array([0.9, 1.1, 1.1]) * BOX_TOLERANCE
     push.arms.place(np.arange(3), push.arms.joint_position, rows)
     assert push.violations()[:, BOX].tolist() == [False, True, True]
+
+
+@pytest.mark.parametrize("axis", [(1, 0), (0, 1), (0.6, -0.8)])
+def test_a_box_that_tips_past_its_edge_has_fallen_over_and_one_that_only_turns_has_not(axis: tuple[float, float]) -> None:
+    push = PushEnvironment(PushTask(), 5)
+    half = np.radians([0, 44, 46, 90, 180]) / 2
+    rows = push.arms.object_pose.copy()
+    rows[:, 2] = 0.2
+    rows[:, 3:] = np.column_stack([np.cos(half), np.sin(half)[:, None] * axis, 0 * half])
+    push.arms.place(np.arange(5), push.arms.joint_position, rows)
+    assert push.violations()[:, TIPPED].tolist() == [False, False, True, True, True]
+    rows[:, 3:] = np.column_stack([np.cos(half), 0 * half, 0 * half, np.sin(half)])
+    push.arms.place(np.arange(5), push.arms.joint_position, rows)
+    assert not push.violations()[:, TIPPED].any()
 
 
 def test_looking_at_the_limits_changes_nothing() -> None:

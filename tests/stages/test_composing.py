@@ -148,3 +148,26 @@ def test_a_plan_that_breaks_a_limit_is_no_success_and_says_where(copy: Store, mo
     assert found["gripper_m"] == pytest.approx(broken.arrays["trajectories/gripper_position"][0, step], abs=1e-6)
     assert not broken.results["success"] and broken.results["success_rate"] == 0
     assert broken.results["waypoints_met"] == kept.results["waypoints_met"] == kept.results["success"]
+
+
+def test_a_search_keeps_the_limits_where_there_is_a_way_to(copy: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = copy.read(ArtifactId("tiny", "embed-means", 1))
+    recipe = resolve(source.recipe, ["search.budget=4", "search.segments=[0.2]"])
+    request = Request.of(recipe, "", [(0.6, 0.1, 0.25)])
+    fast = compose(copy, source.id, recipe, request, "search", "test")
+    speed = np.abs(np.diff(fast.arrays["trajectories/joint_position"][0], axis=0)) / 0.05
+    monkeypatch.setattr("skillcli.envs.arm_environment.VELOCITY_LIMIT", np.full(7, 0.95 * speed.max()))
+    slow = compose(copy, source.id, recipe, request, "search", "test")
+    assert slow.results["violations"] == {} and slow.arrays["trajectories/violations"].sum() == 0
+    assert slow.results["final_distance_m"] >= fast.results["final_distance_m"]
+
+
+def test_a_plan_is_refined_between_the_latents_where_asked(copy: Store) -> None:
+    source = copy.read(ArtifactId("tiny", "embed-means", 1))
+    found = []
+    for further in ([], ["search.refinement=6"]):
+        recipe = resolve(source.recipe, ["search.budget=2", "search.goal_tolerance=0.001", "search.grid=2", *further])
+        found.append(compose(copy, source.id, recipe, Request.of(recipe, "", [(0.6, 0.1, 0.25)]), "search", "test").results)
+    coarse, fine = found
+    assert fine["final_distance_m"] < coarse["final_distance_m"] and fine["expanded_nodes"] == coarse["expanded_nodes"]
+    assert fine["simulated_robot_seconds"] > coarse["simulated_robot_seconds"]
