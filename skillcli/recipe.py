@@ -258,13 +258,6 @@ class Search(Section):
         ge=0,
         le=32,
     )
-    refinement: int = value(
-        0,
-        "where no goal is met, try latents beside the last one of the nearest plans, nearer and nearer, this many times",
-        "",
-        ge=0,
-        le=100,
-    )
     resolution: float = value(0.02, "two states closer than this count as one", "m", ge=1e-4, le=10)
     goal_tolerance: float = value(0.02, "a waypoint counts as met within this; the task's tolerance is the judge", "m", gt=0)
     max_speed: float = value(

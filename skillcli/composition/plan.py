@@ -30,14 +30,6 @@ class Choices:
             label=(*names, *(f"{names[a]}~{names[b]}" for a, b in pairs), *(_coordinates(latent) for latent in further)),
         )
 
-    def and_also(self, latent: Array) -> Choices:
-        """These choices and more latents (n, d)."""
-        return Choices(
-            latent=np.concatenate([self.latent, latent]),
-            skill=np.concatenate([self.skill, np.full(len(latent), -1)]),
-            label=(*self.label, *(_coordinates(row) for row in latent)),
-        )
-
 
 def latent_grid(low: Array, high: Array, count: int) -> Array:
     """A regular grid of `count` latents per dimension between two corners (d,), (count**d, d)."""

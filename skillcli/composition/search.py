@@ -71,7 +71,6 @@ class UniformCostSearch:
         self._cheapest: dict[tuple[int, ...], float] = {self._cell(start): start.cost}
         self.best, self.goal = start, None if len(waypoints) else start
         self.expanded = 0
-        self.kept: list[Node] = []  # all nodes but the root
 
     @property
     def finished(self) -> bool:
@@ -96,39 +95,24 @@ class UniformCostSearch:
     def tell(self, nodes: Sequence[Node], choice: Array, outcome: Outcome, steps: int) -> list[Node]:
         """Take what holding a choice (n,) from each of n nodes for some steps led to; returns the children kept."""
         children = []
-        for child in self.reached(nodes, choice, outcome, steps):
-            if child is None:
-                continue
-            cell = self._cell(child)
-            if child.cost >= self._cheapest.get(cell, float("inf")):
-                continue
-            self._cheapest[cell] = child.cost
-            children.append(child)
-            self.keep(child)
-        self.kept += children
-        return children
-
-    def reached(self, nodes: Sequence[Node], choice: Array, outcome: Outcome, steps: int) -> list[Node | None]:
-        """The nodes that holding a choice (n,) from each of n nodes for some steps leads to; None where that fails."""
-        children: list[Node | None] = []
         judged = outcome.path[:, :, :, 0]
         speed = np.linalg.norm(np.diff(judged, axis=2), axis=3).mean(axis=1) / self.settings.step_seconds  # (n, steps)
         dues, met = self._progress(np.array([node.due for node in nodes]), judged, speed)
         for i, node in enumerate(nodes):
             if outcome.failed[i].any():
-                children.append(None)
                 continue
             held = int(met[i]) or steps  # a plan ends the moment its last goal is met
-            at, cost = outcome.path[i, :, held], node.cost + held
-            speed_then = float(speed[i, held - 1])
-            children.append(Node(node, int(choice[i]), held, cost, dues[i], at, outcome.rows[i], speed_then))
+            points = outcome.path[i, :, held]
+            child = Node(
+                node, int(choice[i]), held, node.cost + held, dues[i], points, outcome.rows[i], float(speed[i, held - 1])
+            )
+            cell = self._cell(child)
+            if child.cost >= self._cheapest.get(cell, float("inf")):
+                continue
+            self._cheapest[cell] = child.cost
+            children.append(child)
+            self._keep(child)
         return children
-
-    def offer(self, latent: Array) -> Array:
-        """Take more latents (n, d) among the choices; returns which ones they are, (n,)."""
-        first = len(self.choices.latent)
-        self.choices = self.choices.and_also(latent)
-        return np.arange(first, len(self.choices.latent))
 
     def plan(self, node: Node) -> list[Segment]:
         """The segments that lead to a node; the same latent twice in a row becomes one segment."""
@@ -147,15 +131,14 @@ class UniformCostSearch:
         """Whether a cheaper way to the node's cell was found after the node was."""
         return node.cost > self._cheapest[self._cell(node)]
 
-    def keep(self, child: Node) -> None:
-        """Take a node among those to be expanded, and for the best one if it is."""
+    def _keep(self, child: Node) -> None:
         if self._met(child):
             if self.goal is None or child.cost < self.goal.cost:
                 self.goal = self.best = child
             return
         heapq.heappush(self._open, (self._priority(child), next(self._order), child))
         # whatever latent is held moves the arm: standing still at the root is no plan, however near the root is
-        if self.goal is None and (self.best.parent is None or self.merit(child) < self.merit(self.best)):
+        if self.goal is None and (self.best.parent is None or self._merit(child) < self._merit(self.best)):
             self.best = child
 
     def _met(self, node: Node) -> bool:
@@ -203,7 +186,7 @@ class UniformCostSearch:
             seconds += float(cautious(self._route.detour(node.due, node.points))) / self.settings.approach_speed
         return node.cost + self.settings.weight * seconds / self.settings.step_seconds
 
-    def merit(self, node: Node) -> tuple[int, float]:
+    def _merit(self, node: Node) -> tuple[int, float]:
         """How far from the end a node is, for the best plan where none meets everything."""
         return (-int(node.due.min()), self._remaining(node))
 

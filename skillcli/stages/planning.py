@@ -13,7 +13,6 @@ from skillcli.composition.latent_environment import LatentEnvironment
 from skillcli.composition.mpc import ModelPredictiveControl
 from skillcli.composition.plan import Choices, Segment, latent_grid
 from skillcli.composition.planner import run
-from skillcli.composition.refinement import Refinement
 from skillcli.composition.route import Route
 from skillcli.composition.search import Expansions, Settings, UniformCostSearch
 from skillcli.composition.sequence import Entry
@@ -143,17 +142,11 @@ def by_search(leg: Leg) -> Planned:
     search = search_from(leg, *world.start(), leg.waypoints, choices, settings.budget)
     planner = Expansions(search, settings.batch)
     run(planner, world, leg.tell("nodes"))
-    spent, replayed = world.control_steps, planner.replayed
-    if settings.refinement and search.goal is None:
-        spacing = (leg.box[1] - leg.box[0]) / 2 / max(1, settings.grid - 1)
-        finer = Refinement(search, leg.box, spacing, settings.refinement)
-        world = leg.world(finer.width)
-        run(finer, world, leg.tell("refinements"))
-        spent, replayed = spent + world.control_steps, replayed + finer.replayed
-    plan = search.plan(search.best)
+    plan = planner.plan()
     if not plan:  # already there, or nowhere to go: hold the first skill for the shortest time
         plan = [Segment(choices.latent[0], 0, choices.label[0], search.settings.durations[0])]
-    return Planned(plan, search.expanded, spent * leg.period, replayed * leg.robots.count * leg.period)
+    spent, replayed = world.control_steps * leg.period, planner.replayed * leg.robots.count * leg.period
+    return Planned(plan, search.expanded, spent, replayed)
 
 
 def mpc_from(

@@ -177,6 +177,14 @@ def test_the_same_latent_twice_in_a_row_is_one_segment() -> None:
     assert {segment.skill for segment in segments} == {0, 1}
 
 
+def test_latents_that_only_look_the_same_stay_segments_of_their_own() -> None:
+    grid = np.array([[1.001, 0.0, 0.0], [1.0, 1.0, 0.0], [1.0, 1.001, 0.0]])
+    plan = planner([(2, 2.001, 0)], Choices.of(np.zeros((1, 3)), ["rest"], False, grid), tolerance=1e-4, resolution=1e-4)
+    segments = plan.plan(solve(plan))
+    assert [segment.label for segment in segments] == ["(1.00,1.00,0.00)"] * 2
+    assert sorted(segment.latent[1] for segment in segments) == [1.0, 1.001]
+
+
 def test_nothing_to_meet_is_met_at_once() -> None:
     plan = UniformCostSearch(np.zeros(3), np.zeros((1, 3)), np.zeros((0, 3)), choices(RIGHT), SETTINGS)
     assert plan.finished and plan.plan(solve(plan)) == []

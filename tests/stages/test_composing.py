@@ -160,14 +160,3 @@ def test_a_search_keeps_the_limits_where_there_is_a_way_to(copy: Store, monkeypa
     slow = compose(copy, source.id, recipe, request, "search", "test")
     assert slow.results["violations"] == {} and slow.arrays["trajectories/violations"].sum() == 0
     assert slow.results["final_distance_m"] >= fast.results["final_distance_m"]
-
-
-def test_a_plan_is_refined_between_the_latents_where_asked(copy: Store) -> None:
-    source = copy.read(ArtifactId("tiny", "embed-means", 1))
-    found = []
-    for further in ([], ["search.refinement=6"]):
-        recipe = resolve(source.recipe, ["search.budget=2", "search.goal_tolerance=0.001", "search.grid=2", *further])
-        found.append(compose(copy, source.id, recipe, Request.of(recipe, "", [(0.6, 0.1, 0.25)]), "search", "test").results)
-    coarse, fine = found
-    assert fine["final_distance_m"] < coarse["final_distance_m"] and fine["expanded_nodes"] == coarse["expanded_nodes"]
-    assert fine["simulated_robot_seconds"] > coarse["simulated_robot_seconds"]
