@@ -40,7 +40,7 @@ class Trajectories:
     gripper_position: Array | None = None  # (E, T+1, 3) m, the site the task is judged at
     object_pose: Array | None = None  # (E, T+1, 7) m, quaternion w x y z
     position: Array | None = None  # (E, T+1, 2) m, the point task
-    violations: Array | None = None  # (E, K) control steps that ended beyond each of `SAFETY_LIMITS`
+    violations: Array | None = None  # (E, K) control steps that ended beyond each of the first K `SAFETY_LIMITS`
 
     @property
     def episodes(self) -> int:
@@ -56,6 +56,13 @@ class Trajectories:
         if plane is None:
             raise ValueError("trajectories hold no position: object_pose, gripper_position or position is needed")
         return np.concatenate([plane, np.zeros_like(plane[..., :1])], axis=-1)
+
+    @property
+    def beyond_limits(self) -> dict[str, Array]:
+        """Control steps that ended beyond each limit, (E,) by its name; empty where the task has none."""
+        if self.violations is None:
+            return {}
+        return dict(zip(SAFETY_LIMITS[: self.violations.shape[1]], self.violations.T, strict=True))
 
     @property
     def within_limits(self) -> Array:

@@ -215,18 +215,19 @@ class PushEnvironment(ArmEnvironment):
 
     def _tipping(self) -> Array:
         """Speed at which the boxes turn about anything but the vertical, (N,) rad/s."""
-        w, x, y, z = self.arms.object_pose[:, 3:].T
-        turning = self.arms.object_velocity[:, 3:]  # in the box's own frame
-        up = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1)  # seen from there
+        turning, up = self.arms.object_velocity[:, 3:], self._up()  # in the box's own frame
         spin = np.einsum("ij,ij->i", turning, up)
         speed: Array = np.linalg.norm(turning - spin[:, None] * up, axis=1)
         return speed
 
+    def _up(self) -> Array:
+        """Where the boxes see up, unit vectors (N, 3) in their own frames."""
+        w, x, y, z = self.arms.object_pose[:, 3:].T
+        return np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1)
+
     def violations(self) -> Array:
         """See `ArmEnvironment`; and boxes that are pressed into the table, or fall over."""
-        _, x, y, _ = self.arms.object_pose[:, 3:].T
-        tipped = 1 - 2 * (x**2 + y**2) < UPRIGHT
-        return np.column_stack([super().violations(), self._sunk() > BOX_TOLERANCE, tipped])
+        return np.column_stack([super().violations(), self._sunk() > BOX_TOLERANCE, self._up()[:, 2] < UPRIGHT])
 
     def _sunk(self) -> Array:
         """How far the lowest corners of boxes on the table are below its top, (N,) m."""

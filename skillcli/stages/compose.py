@@ -22,7 +22,7 @@ from skillcli.stages.progress import Progress, Report, silent
 from skillcli.stages.request import Request
 from skillcli.stages.robots import Robots
 from skillcli.store import Artifact, ArtifactId, Draft, Store
-from skillcli.trajectories import SAFETY_LIMITS, Array, Trajectories
+from skillcli.trajectories import Array, Trajectories
 
 __all__ = ["METHODS", "Request", "compose", "execute", "inputs_of"]
 
@@ -83,7 +83,7 @@ def compose(
 ) -> Artifact:
     """Plan latents that meet the waypoints, execute the plan where it was planned, and write a compose artifact.
 
-    A plan that breaks a safety limit of the arm there is no success.
+    A plan that breaks a safety limit there is no success.
 
     Args:
         store: where from and to.
@@ -182,10 +182,7 @@ def execute(library: Library, plan: list[Segment], waypoints: Array, robots: Rob
 
 def _violations(recording: Trajectories) -> dict[str, int]:
     """Control steps beyond each limit that is broken, over all routes."""
-    if recording.violations is None:
-        return {}
-    steps = zip(SAFETY_LIMITS, recording.violations.sum(axis=0).tolist(), strict=False)
-    return {limit: count for limit, count in steps if count}
+    return {limit: int(steps.sum()) for limit, steps in recording.beyond_limits.items() if steps.any()}
 
 
 def calibrate(library: Library, recipe: Recipe) -> Calibration:

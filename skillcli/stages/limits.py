@@ -1,4 +1,4 @@
-"""Where a plan breaks the arm's safety limits."""
+"""Where a plan breaks the safety limits."""
 
 from __future__ import annotations
 

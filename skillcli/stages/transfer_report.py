@@ -9,7 +9,7 @@ import numpy as np
 from skillcli import metrics
 from skillcli.perturbation import MANNERS, NEEDS, PARAMETERS
 from skillcli.stages.trial import Target
-from skillcli.trajectories import SAFETY_LIMITS, Array, Trajectories
+from skillcli.trajectories import Array, Trajectories
 
 WORST = 5  # episodes that are listed
 
@@ -67,9 +67,7 @@ def outcome(recording: Trajectories) -> dict[str, Any]:
 
 def broken(recording: Trajectories) -> dict[str, int]:
     """Episodes that break each limit; empty where the task has none."""
-    if recording.violations is None:
-        return {}
-    return dict(zip(SAFETY_LIMITS, (recording.violations > 0).sum(axis=0).tolist(), strict=False))
+    return {limit: int((steps > 0).sum()) for limit, steps in recording.beyond_limits.items()}
 
 
 def worst(target: Target, recording: Trajectories, first: int) -> list[dict[str, Any]]:
