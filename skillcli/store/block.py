@@ -17,7 +17,7 @@ MAGIC = b"skill-store "
 """How every file of a store begins."""
 
 SMALLEST = 4096
-LARGEST = 1 << 20
+LARGEST = 1 << 17
 
 _LINE = "skill-store 1 block={:07d} sha256={}\n"
 _PATTERN = re.compile(rb"skill-store 1 block=([0-9]{7}) sha256=([0-9a-f]{64})\n")
@@ -40,14 +40,15 @@ def block_size(header: Mapping[str, Any]) -> int:
     return size
 
 
-def seal(file: BinaryIO, header: Mapping[str, Any], size: int) -> None:
-    """Write the block into the first `size` bytes of a finished file, the file's hash last."""
+def seal(file: BinaryIO, header: Mapping[str, Any], size: int) -> str:
+    """Write the block into the first `size` bytes of a finished file, the file's hash last; returns that hash."""
     line = _LINE.format(size, "0" * 64)
     file.seek(0)
     file.write(f"{line}{canonical(header)}\n".encode().ljust(size, b"\0"))
     digits = digest(file)
     file.seek(_DIGITS.start)
     file.write(digits.encode())
+    return digits
 
 
 def read_block(file: BinaryIO) -> tuple[dict[str, Any], int]:
@@ -81,12 +82,16 @@ def check_digest(file: BinaryIO) -> None:
     Raises:
         ValueError: they differ.
     """
-    file.seek(0)
-    found = _PATTERN.match(file.read(_LENGTH))
-    recorded = found[2].decode() if found else "nothing"
-    actual = digest(file)
+    recorded, actual = recorded_digest(file), digest(file)
     if actual != recorded:
         raise ValueError(f"its bytes have changed: sha256 {recorded[:12]} was recorded, {actual[:12]} is found")
+
+
+def recorded_digest(file: BinaryIO) -> str:
+    """The hash that the block says the file has, "" where it says none."""
+    file.seek(0)
+    found = _PATTERN.match(file.read(_LENGTH))
+    return found[2].decode() if found else ""
 
 
 def digest(file: BinaryIO) -> str:

@@ -43,10 +43,27 @@ _HEADER = {
 # Said twice, in the header and as attributes for readers of HDF5: the two must agree.
 _SHARED = ("id", "kind", "schema_version", "created_utc", "seed", "content_sha256", "inputs_sha256")
 _ATTRIBUTES = {*_SHARED, "recipe_sha256", "model_sha256", "git_commit", "git_dirty"}
-_TEXTS = ("command", "recipe", "results", "measured", "packages", "parents")
-_RECORDS = {f"{RECORD}/{name}" for name in _TEXTS}
 _SHA256 = re.compile(r"[0-9a-f]{64}")
-_MAX_TEXT_BYTES = 1 << 20  # JSON takes twenty times its size in memory
+_TIME = re.compile(r"20[0-9]{2}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2}\.[0-9]{6}\+00:00", re.ASCII)
+_RECIPE_NAME = re.compile(r"[A-Za-z0-9._-]{0,64}", re.ASCII)
+_ATTRIBUTE_FORMS = {
+    "recipe_sha256": _SHA256,
+    "model_sha256": re.compile(r"[0-9a-z]{0,64}", re.ASCII),
+    "git_commit": re.compile(r"[0-9a-f]{0,64}", re.ASCII),
+}
+# Bytes of each JSON text: it takes twenty times its size in memory, and somebody may want to see it.
+_MAX_TEXT_BYTES = {
+    "command": 1 << 16,
+    "recipe": 1 << 18,
+    "results": 1 << 20,
+    "measured": 1 << 16,
+    "packages": 1 << 13,
+    "parents": 1 << 16,
+}
+_TEXTS = tuple(_MAX_TEXT_BYTES)
+_RECORDS = {f"{RECORD}/{name}" for name in _TEXTS}
+MAX_PARENTS = 256  # of any artifact; `schema` says how many each kind has
+_MAX_COMMAND = 8000  # characters that are kept of a longer one
 
 
 def check_draft(draft: Draft) -> Draft:
@@ -62,7 +79,7 @@ def check_draft(draft: Draft) -> Draft:
     if not -(2**63) <= draft.seed < 2**63:
         raise StoreError(f"seed {draft.seed} does not fit in 64 bits", "choose a smaller one")
     texts = {part: plain(getattr(draft, part), part) for part in ("recipe", "results", "measured")}
-    return replace(draft, arrays=arrays, seed=int(draft.seed), **texts)
+    return replace(draft, arrays=arrays, seed=int(draft.seed), command=draft.command[:_MAX_COMMAND], **texts)
 
 
 def finish(draft: Draft, version: int, parents: tuple[Parent, ...]) -> Artifact:
@@ -160,9 +177,10 @@ def read_artifact(path: Path, expected: ArtifactId, *, older: bool = False) -> A
 
 
 def _check_texts(shapes: Mapping[str, schema.Shape], label: str) -> None:
-    total = sum(math.prod(shape) for path, shape in shapes.items() if path in _RECORDS)
-    if total > _MAX_TEXT_BYTES:
-        raise StoreError(f"{label} has {total} bytes of JSON, at most {_MAX_TEXT_BYTES} fit", "keep lists as arrays")
+    for name, limit in _MAX_TEXT_BYTES.items():
+        size = math.prod(shapes[f"{RECORD}/{name}"])
+        if size > limit:
+            raise StoreError(f"{label} has {size} bytes of JSON as {name}, at most {limit} fit", "keep lists as arrays")
 
 
 def _header_fields(header: Header) -> dict[str, Any]:
@@ -185,11 +203,37 @@ def _header(fields: Mapping[str, Any], expected: ArtifactId) -> Header:
         )
     if not _SHA256.fullmatch(fields["content_sha256"]):
         raise ValueError("its content hash is not a SHA-256")
-    if not (fields["created_utc"].isprintable() and fields["recipe_name"].isprintable()):
-        raise ValueError("its header has characters that cannot be printed")
-    parents = tuple(Parent(ArtifactId.parse(entry["id"]), str(entry["content_sha256"])) for entry in fields["parents"])
+    if fields["inputs_sha256"] and not _SHA256.fullmatch(fields["inputs_sha256"]):
+        raise ValueError("its hash of inputs is not a SHA-256")
+    if not -(2**63) <= fields["seed"] < 2**63:
+        raise ValueError("its seed does not fit in 64 bits")
+    if not _RECIPE_NAME.fullmatch(fields["recipe_name"]):
+        raise ValueError("its recipe's name is not one")
+    _check_time(fields["created_utc"])
+    parents = tuple(map(_parent, fields["parents"][: MAX_PARENTS + 1]))
+    if len(parents) > MAX_PARENTS:
+        raise ValueError(f"it has {len(fields['parents'])} parents, at most {MAX_PARENTS} are read")
+    if expected in [parent.id for parent in parents]:
+        raise ValueError("it says that it was made from itself")
     own = {name: fields[name] for name in _HEADER if name not in ("id", "kind", "parents")}
     return Header(id=expected, parents=parents, **own)
+
+
+def _check_time(text: str) -> None:
+    if not _TIME.fullmatch(text):
+        raise ValueError("its time is not one in UTC with microseconds, between 2000 and 2099")
+    datetime.fromisoformat(text)  # refuses a 30th of February
+
+
+def _parent(entry: Any) -> Parent:
+    if not isinstance(entry, dict) or {name: type(value) for name, value in entry.items()} != {
+        "id": str,
+        "content_sha256": str,
+    }:
+        raise ValueError("its parents are not given by id and content hash")
+    if not _SHA256.fullmatch(entry["content_sha256"]):
+        raise ValueError("the content hash of a parent is not a SHA-256")
+    return Parent(ArtifactId.parse(entry["id"]), entry["content_sha256"])
 
 
 def _artifact(header: Header, contents: Contents) -> Artifact:
@@ -203,9 +247,17 @@ def _artifact(header: Header, contents: Contents) -> Artifact:
     different += sorted(_ATTRIBUTES ^ attributes.keys())
     if different:
         raise ValueError(f"its header and what lies inside disagree about {', '.join(different)}")
+    odd = [name for name, form in _ATTRIBUTE_FORMS.items() if not form.fullmatch(str(attributes[name]))]
+    odd += [] if attributes["git_dirty"] in (0, 1) else ["git_dirty"]
+    if odd:
+        raise ValueError(f"its {', '.join(odd)} is not what the store writes")
     wrong = [name for name in ("recipe", "results", "measured", "packages") if not isinstance(texts[name], dict)]
-    if wrong or not isinstance(texts["command"], str):
-        raise ValueError(f"{', '.join(wrong) or 'command'} is not what it should be")
+    wrong += [] if isinstance(texts["command"], str) else ["command"]
+    wrong += ["packages"] if not wrong and not all(isinstance(each, str) for each in texts["packages"].values()) else []
+    if wrong:
+        raise ValueError(f"{', '.join(wrong)} is not what it should be")
+    if str(texts["recipe"].get("name", "")) != header.recipe_name:
+        raise ValueError(f"its header names the recipe {header.recipe_name!r}, inside it is another")
     return Artifact(
         **{name: getattr(header, name) for name in _HEADER if name not in ("kind", "parents")},
         parents=header.parents,

@@ -17,31 +17,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skillcli.errors import StoreError
-from skillcli.store import block
-from skillcli.store.guard import DTYPES, MAX_BYTES, PATH, inspect, plausible_total
+from skillcli.store import block, known, quarantine
+from skillcli.store.guard import DTYPES, MAX_BYTES, PATH, plausible_total
+from skillcli.store.hdf5_reader import FAULTS, first_line, list_contents, read_array
 from skillcli.store.text import parse
 
 Array = NDArray[Any]
 Labels = Callable[[str, int], tuple[str, str]]
-Check = Callable[[Mapping[str, Any], Mapping[str, tuple[int, ...]]], None]
+Shapes = Mapping[str, tuple[int, ...]]
+Check = Callable[[Mapping[str, Any], Shapes], None]
+Compare = Callable[[int, Mapping[str, tuple[str, str]], Shapes], None]
 
 RECORD = "record"
 """Group of the JSON texts, kept as bytes because an attribute holds at most 64 kB."""
 
 _CHUNK_BYTES = 1 << 20
 _FORMAT = ("v110", "v110")  # readable since HDF5 1.10 (2016); small datasets cost no index of their own
-# Whatever h5py, zlib and json raise at a file made to confuse them.
-_FAULTS = (
-    ArithmeticError,
-    AttributeError,
-    LookupError,
-    MemoryError,
-    OSError,
-    RuntimeError,
-    TypeError,
-    ValueError,
-    zlib.error,
-)
 
 
 @dataclass(frozen=True)
@@ -108,9 +99,9 @@ def pack(header: Mapping[str, Any], contents: Contents, labels: Labels, *, gzip:
         buffer = _write_hdf5(contents, labels, size, gzip)
         if total > plausible_total(buffer.getbuffer().nbytes):  # mostly zeros: packed, it would look like a bomb
             buffer = _write_hdf5(contents, labels, size, gzip=False)
-        block.seal(buffer, {**header, "bytes": buffer.getbuffer().nbytes}, size)
-    except _FAULTS as error:
-        raise StoreError(f"this cannot be stored: {_first_line(error)}") from error
+        known.remember(block.seal(buffer, {**header, "bytes": buffer.getbuffer().nbytes}, size))
+    except FAULTS as error:
+        raise StoreError(f"this cannot be stored: {first_line(error)}") from error
     return buffer.getbuffer()
 
 
@@ -139,6 +130,8 @@ def peek(path: Path) -> dict[str, Any]:
 def unpack(path: Path, check: Check) -> tuple[dict[str, Any], Contents]:
     """Read a file that may be damaged or hostile: first its hash, then its structure, and only then its data.
 
+    What was not written here is parsed in a process of its own, see `quarantine`.
+
     Args:
         path: the file.
         check: sees the header and the shape of every array before any is read, and may raise a StoreError.
@@ -148,14 +141,33 @@ def unpack(path: Path, check: Check) -> tuple[dict[str, Any], Contents]:
     """
     with _opened(path) as file:
         header, size = _header(file)
+        digest = block.recorded_digest(file)
+        read = _read_here if known.is_known(digest) else _read_elsewhere
+        if read is _read_elsewhere and header["bytes"] > quarantine.MAX_FILE_BYTES:
+            raise ValueError(f"it has {header['bytes']} bytes, at most {quarantine.MAX_FILE_BYTES} are read from elsewhere")
         block.check_digest(file)
-        with h5py.File(file, "r") as hdf5:
-            if hdf5.userblock_size != size:
+
+        def compare(userblock: int, labels: Mapping[str, tuple[str, str]], shapes: Shapes) -> None:
+            if userblock != size:
                 raise ValueError("its HDF5 part does not begin behind the header")
-            datasets = inspect(hdf5, header["bytes"])
-            check(header, {name: dataset.shape for name, dataset in datasets.items()})
-            attributes = {name: _read_attribute(hdf5, name) for name in hdf5.attrs}
-            return header, Contents(attributes, {name: np.asarray(datasets[name][()]) for name in sorted(datasets)})
+            for path, (dimensions, _) in labels.items():
+                if len([name for name in dimensions.split(",") if name]) != len(shapes[path]):
+                    raise ValueError(f"{path} has the shape {shapes[path]}, and dimensions named {dimensions!r}")
+            check(header, shapes)
+
+        return header, read(file, header["bytes"], compare)
+
+
+def _read_here(file: BinaryIO, stored: int, compare: Compare) -> Contents:
+    with h5py.File(file, "r") as hdf5:
+        listing = list_contents(hdf5, stored)
+        compare(listing.userblock, listing.labels, {name: dataset.shape for name, dataset in listing.datasets.items()})
+        return Contents(listing.attributes, {name: read_array(dataset) for name, dataset in listing.datasets.items()})
+
+
+def _read_elsewhere(file: BinaryIO, stored: int, compare: Compare) -> Contents:
+    described, arrays = quarantine.read_elsewhere(file, lambda told: compare(told.userblock, told.labels, told.shapes))
+    return Contents(described.attributes, arrays)
 
 
 @contextmanager
@@ -163,8 +175,8 @@ def reading(path: Path) -> Iterator[None]:
     """Turn whatever is found wrong with a file while reading it into one StoreError."""
     try:
         yield
-    except _FAULTS as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else _first_line(error)
+    except FAULTS as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else first_line(error)
         raise StoreError(f"cannot read {path}: {reason}", "restore it from a copy, or remove it") from error
 
 
@@ -219,13 +231,3 @@ def _write_attribute(item: Any, name: str, value: str | int) -> None:
     else:
         data = value.encode()
         item.attrs.create(name, np.bytes_(data), dtype=h5py.string_dtype("utf-8", max(1, len(data))))
-
-
-def _read_attribute(item: Any, name: str) -> str | int:
-    value = item.attrs[name]
-    return value.decode("utf-8") if isinstance(value, bytes) else str(value) if isinstance(value, str) else int(value)
-
-
-def _first_line(error: BaseException) -> str:
-    text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)  # str() would add quotes
-    return (text.splitlines() or [type(error).__name__])[0]

@@ -48,9 +48,17 @@ def inspect(file: h5py.File, stored: int) -> dict[str, h5py.Dataset]:
         raise ValueError(f"it declares {declared} bytes of data in {stored} stored, at most {limit} are read")
     if sum(dataset.id.get_storage_size() for dataset in datasets.values()) > stored:
         raise ValueError("its datasets share storage")
-    chunks = sum(_chunk_count(dataset) for dataset in datasets.values() if dataset.chunks)
+    chunked = {path: dataset for path, dataset in datasets.items() if dataset.chunks}
+    for path, dataset in chunked.items():
+        if any(step > max(1, size) for step, size in zip(dataset.chunks, dataset.shape, strict=True)):
+            raise ValueError(f"{path} has chunks of {dataset.chunks}, larger than its shape {dataset.shape}")
+    chunks = sum(map(_chunk_count, chunked.values()))
     if chunks > MAX_CHUNKS:
         raise ValueError(f"it has {chunks} chunks, at most {MAX_CHUNKS} are read")
+    if (
+        sum(_chunk_count(dataset) * _chunk_bytes(dataset) for dataset in chunked.values()) > 2 * limit
+    ):  # last ones may stick out
+        raise ValueError(f"its chunks unpack to more than twice the {limit} bytes that are read")
     for path, dataset in datasets.items():
         _check_storage(path, dataset)
     return datasets
@@ -68,7 +76,8 @@ def _walk(file: h5py.File) -> dict[str, h5py.Dataset]:
     pending: list[tuple[str, Any]] = [("", root)]
     while pending:
         prefix, group = pending.pop()
-        _check_attributes(prefix or "/", group)
+        if prefix and h5py.h5a.get_num_attrs(group.id):
+            raise ValueError(f"the group {prefix} has attributes")
         if len(seen) + len(group) > MAX_OBJECTS:
             raise ValueError(f"it holds more than {MAX_OBJECTS} objects")
         for path, raw in _children(prefix, group):
@@ -80,7 +89,6 @@ def _walk(file: h5py.File) -> dict[str, h5py.Dataset]:
                 pending.append((f"{path}/", group[raw]))
             elif info.type == h5py.h5o.TYPE_DATASET:
                 datasets[path] = group[raw]
-                _check_attributes(path, datasets[path])
             else:
                 raise ValueError(f"{path} is neither a group nor a dataset")
     return datasets
@@ -100,19 +108,29 @@ def _children(prefix: str, group: h5py.Group) -> list[tuple[str, bytes]]:
     return children
 
 
-def _check_attributes(path: str, item: Any) -> None:
+def read_attributes(path: str, item: Any) -> dict[str, str | int]:
+    """All attributes of an object, if they are of the two types that the store writes.
+
+    Raises:
+        ValueError: one of them is not.
+    """
     count = h5py.h5a.get_num_attrs(item.id)
     if count > MAX_ATTRIBUTES:
         raise ValueError(f"{path} has {count} attributes, at most {MAX_ATTRIBUTES} are read")
+    values = {}
     for index in range(count):
         attribute = h5py.h5a.open(item.id, index=index)
-        name = f"attribute {attribute.name.decode('utf-8')!r} of {path}"
+        name = attribute.name.decode("utf-8")
+        label = f"attribute {name!r} of {path}"
         kind = attribute.get_type()
-        text = isinstance(kind, h5py.h5t.TypeStringID) and not kind.is_variable_str()
-        if not text and not isinstance(kind, h5py.h5t.TypeIntegerID):
-            raise ValueError(f"{name} is neither an integer nor a text of fixed length")
+        text = isinstance(kind, h5py.h5t.TypeStringID) and not kind.is_variable_str() and kind.get_cset() == h5py.h5t.CSET_UTF8
+        if not text and not (isinstance(kind, h5py.h5t.TypeIntegerID) and kind == h5py.h5t.STD_I64LE):
+            raise ValueError(f"{label} is neither a signed integer of 64 bits nor a text of fixed length in UTF-8")
         if attribute.get_space().get_simple_extent_type() != h5py.h5s.SCALAR or kind.get_size() > MAX_ATTRIBUTE_BYTES:
-            raise ValueError(f"{name} is not a single value, or a too long one")
+            raise ValueError(f"{label} is not a single value, or a too long one")
+        value = item.attrs[name]
+        values[name] = value.decode("utf-8") if isinstance(value, bytes) else value if isinstance(value, str) else int(value)
+    return values
 
 
 def _declared(path: str, dataset: h5py.Dataset) -> int:
@@ -138,6 +156,10 @@ def _chunk_count(dataset: h5py.Dataset) -> int:
     return int(math.prod(-(-size // step) for size, step in zip(dataset.shape, dataset.chunks, strict=True)))
 
 
+def _chunk_bytes(dataset: h5py.Dataset) -> int:
+    return int(math.prod(dataset.chunks) * dataset.dtype.itemsize)
+
+
 def _check_storage(path: str, dataset: h5py.Dataset) -> None:
     """Everything declared must be there, and compressed chunks must unpack to exactly what they should."""
     creation = dataset.id.get_create_plist()
@@ -153,7 +175,7 @@ def _check_storage(path: str, dataset: h5py.Dataset) -> None:
     if len(chunks) != _chunk_count(dataset):
         raise ValueError(f"{path} declares data that is not stored")
     if h5py.h5z.FILTER_DEFLATE in filters:
-        size = math.prod(dataset.chunks) * dataset.dtype.itemsize
+        size = _chunk_bytes(dataset)
         checksum = 4 if h5py.h5z.FILTER_FLETCHER32 in filters else 0
         for chunk in chunks:
             packed = dataset.id.read_direct_chunk(chunk.chunk_offset)[1]

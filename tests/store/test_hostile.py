@@ -159,7 +159,23 @@ def _named_type(file: h5py.File) -> None:
 
 
 def _array_attribute(file: h5py.File) -> None:
-    file["skills"].attrs["many"] = np.arange(5)
+    file["skills/goal"].attrs["many"] = np.arange(5)
+
+
+def _group_attribute(file: h5py.File) -> None:
+    file["skills"].attrs["one"] = np.int64(5)
+
+
+def _unsigned_seed(file: h5py.File) -> None:
+    file.attrs.create("seed", np.uint64(0))
+
+
+def _false_dimensions(file: h5py.File) -> None:
+    file["skills/goal"].attrs.create("dimensions", np.bytes_(b"skill"), dtype=h5py.string_dtype("utf-8", 5))
+
+
+def _further_attribute(file: h5py.File) -> None:
+    file["skills/goal"].attrs.create("scale", np.int64(2))
 
 
 def _long_text_attribute(file: h5py.File) -> None:
@@ -193,9 +209,14 @@ def _other_recipe(file: h5py.File) -> None:
 
 
 def _much_json(file: h5py.File) -> None:
+    _put_results(file, b"[" + b"[]," * (1 << 21))
+
+
+def _put_results(file: h5py.File, text: bytes) -> None:
     del file["record/results"]
-    text = b"[" + b"[]," * (1 << 21)
-    file["record"].create_dataset("results", data=np.frombuffer(text, np.uint8), compression="gzip")
+    results = file["record"].create_dataset("results", data=np.frombuffer(text, np.uint8), compression="gzip")
+    for name, label in (("dimensions", b"byte"), ("unit", b"JSON")):
+        results.attrs.create(name, np.bytes_(label), dtype=h5py.string_dtype("utf-8", 4))
 
 
 def _bad_json(file: h5py.File) -> None:
@@ -219,7 +240,11 @@ HOSTILE: dict[Callable[[h5py.File], None], str] = {
     _compound: "neither integers",
     _named_type: "neither a group nor a dataset",
     _array_attribute: "not a single value",
-    _long_text_attribute: "neither an integer nor a text",
+    _group_attribute: "the group skills/ has attributes",
+    _unsigned_seed: "neither a signed integer",
+    _false_dimensions: "dimensions named 'skill'",
+    _further_attribute: "must have the attributes dimensions and unit",
+    _long_text_attribute: "neither a signed integer of 64 bits nor a text",
     _not_utf8: "cannot read",
     _odd_name: "not a path",
     _many: "more than 1000 objects",
@@ -248,9 +273,7 @@ def _many_objects(file: h5py.File) -> None:
 
 
 def _wide_json(file: h5py.File) -> None:
-    del file["record/results"]
-    text = b'{"a":[' + b"[]," * 330_000 + b"0]}"
-    file["record"].create_dataset("results", data=np.frombuffer(text, np.uint8), compression="gzip")
+    _put_results(file, b'{"a":[' + b"[]," * 330_000 + b"0]}")
 
 
 LARGE = (_bomb_of_zeros, _many_chunks, _many_objects, _wide_json)
@@ -297,8 +320,16 @@ def test_hostile_contents_are_refused(store: Store, artifact: ArtifactId, tamper
         ({"kind": "compose"}, "holds compose"),
         ({"id": "else/embed-means-v1"}, "holds embed-means 'else/embed-means-v1'"),
         ({"id": "../../etc/passwd"}, "holds embed-means '../../etc/passwd'"),
-        ({"parents": [{"id": "../x", "content_sha256": "0"}]}, "not an artifact id"),
-        ({"parents": [3]}, "cannot read"),
+        ({"parents": [{"id": "../x", "content_sha256": "0" * 64}]}, "not an artifact id"),
+        ({"parents": [{"id": "x/pretrain-v1", "content_sha256": "0"}]}, "not a SHA-256"),
+        ({"parents": [{"id": "run/embed-means-v1", "content_sha256": "0" * 64}]}, "made from itself"),
+        ({"parents": [3]}, "not given by id and content hash"),
+        ({"created_utc": "yesterday"}, "its time is not one"),
+        ({"created_utc": "9999-01-01T00:00:00.000000+00:00"}, "its time is not one"),
+        ({"created_utc": "2026-02-30T00:00:00.000000+00:00"}, "cannot read"),
+        ({"recipe_name": "n" * 200}, "its recipe's name is not one"),
+        ({"inputs_sha256": "none"}, "hash of inputs"),
+        ({"seed": 2**63}, "does not fit in 64 bits"),
         ({"content_sha256": "short"}, "content hash"),
         ({"surprise": 1}, "not that of an artifact"),
     ],
@@ -309,6 +340,23 @@ def test_headers_that_are_not_ours_are_refused(
     reseal(store.path(artifact), lambda header: header.update(change))
     assert message in refused(store, artifact)
     assert message in store.listing().unreadable[0].problem
+
+
+def test_a_header_that_names_another_recipe_is_refused(store: Store, artifact: ArtifactId) -> None:
+    reseal(store.path(artifact), lambda header: header.update(recipe_name="other"))
+    assert "names the recipe 'other', inside it is another" in refused(store, artifact)
+
+
+def test_a_thousand_parents_are_refused(store: Store, artifact: ArtifactId) -> None:
+    path = store.path(artifact)
+    data = io.BytesIO(path.read_bytes())
+    header, size = block.read_block(data)
+    header["parents"] = [{"id": f"x/pretrain-v{n + 1}", "content_sha256": "0" * 64} for n in range(1000)]
+    grown = block.LARGEST
+    longer = io.BytesIO(bytes(grown) + data.getvalue()[size:])
+    block.seal(longer, {**header, "bytes": len(longer.getvalue())}, grown)
+    path.write_bytes(longer.getvalue())
+    assert "1000 parents, at most 256" in refused(store, artifact)
 
 
 def test_a_false_content_hash_is_found_by_verify(store: Store, artifact: ArtifactId) -> None:
