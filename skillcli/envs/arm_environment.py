@@ -10,6 +10,7 @@ import numpy as np
 
 from skillcli.envs import disturbance, sawyer, sensors
 from skillcli.envs.arms import Arms
+from skillcli.envs.chance import Rng
 from skillcli.envs.disturbance import Disturbance
 from skillcli.envs.environment import Array, Sighting, Step
 from skillcli.envs.robot import Robot
@@ -46,7 +47,7 @@ class ArmEnvironment:
     def __init__(
         self, task: ArmTask, spec: mujoco.MjSpec, goals: Array, num: int, threads: int, robot: Robot | None = None
     ) -> None:
-        self.num, self.horizon, self.tolerance = num, task.horizon, task.tolerance
+        self.num, self.horizon, self.tolerance, self.robot = num, task.horizon, task.tolerance, robot
         self.control_period = task.control_period
         self._observe_command = task.observe_command
         self.observation_size = 10 + self.shown_size + (7 if task.observe_command else 0)
@@ -55,7 +56,7 @@ class ArmEnvironment:
         self.arms = Arms(spec.compile(), num, substeps, task.action_limit, threads, names)
         self.goals = goals
         self.target = np.zeros((num, 3))
-        self.applied = np.zeros((num, 7))
+        self.applied, self.unstable = np.zeros((num, 7)), np.zeros(num, dtype=bool)
         self._start = np.array(robot.start(task) if robot else task.start)
         self._start_offset = np.zeros((num, 7))  # rad
         self._elapsed = np.zeros(num, dtype=np.int64)
@@ -148,7 +149,7 @@ class ArmEnvironment:
             observation[:, -7:] = self._commanded() - observation[:, :7]
         return observation
 
-    def perturb(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
+    def perturb(self, parameters: Mapping[str, Array], rng: Rng) -> None:
         """See `Environment`."""
         self.arms.perturb(parameters)
         start = np.broadcast_to(parameters.get("start_offset", 0.0), (self.num, 7))
@@ -171,7 +172,7 @@ class ArmEnvironment:
         self.applied = self._move(self.arms.action_limit * action)
         self._past.append((self._measured[:, :7], before))
         self._elapsed += 1
-        failed = self.failed()
+        self.unstable, failed = self.arms.unstable(), self.failed()
         if failed.any():  # a failed episode ends in a clear state, at the start, and never in NaN
             self._place(np.flatnonzero(failed))
         if self._sensors is not None:

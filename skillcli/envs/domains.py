@@ -49,7 +49,7 @@ class _File(Section):
     name: Annotated[str, AfterValidator(_fit_for_a_path)]
     description: Annotated[str, Field(max_length=500)] = ""
     extends: str | None = None
-    parameters: Ranges = {}
+    parameters: Ranges = Field(default_factory=dict)
 
 
 def find_domain(text: str) -> Domain:
