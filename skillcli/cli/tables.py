@@ -133,8 +133,8 @@ def _once(domains: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def _unstable(domains: Sequence[Mapping[str, Any]]) -> list[str]:
     """Of domains in which simulations came apart."""
-    told = [f"{each['name']}: {each['unstable']} of {each['episodes']}" for each in domains if each.get("unstable")]
-    return [f"unstable, the simulation came apart, and no distance is counted: {'; '.join(told)}"] if told else []
+    told = [f"{each['name']} in {each['unstable']} of {each['episodes']} episodes" for each in domains if each.get("unstable")]
+    return [f"unstable: {', '.join(told)}; the simulation came apart, no distance is counted"] if told else []
 
 
 def _footnotes(found: Mapping[str, Any]) -> list[str]:

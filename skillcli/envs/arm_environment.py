@@ -15,7 +15,6 @@ from skillcli.envs.disturbance import Disturbance
 from skillcli.envs.environment import Array, Sighting, Step
 from skillcli.envs.robot import Robot
 from skillcli.envs.safety import RANGE_TOLERANCE, STIFF_TABLE_TOLERANCE, Clearance
-from skillcli.envs.sawyer import VELOCITY_LIMIT
 from skillcli.envs.sensors import Sensors
 from skillcli.recipe import ArmTask
 
@@ -58,6 +57,7 @@ class ArmEnvironment:
         self.target = np.zeros((num, 3))
         self.applied, self.unstable = np.zeros((num, 7)), np.zeros(num, dtype=bool)
         self._start = np.array(robot.start(task) if robot else task.start)
+        self._speed_limit = robot.speed_limit if robot else sawyer.VELOCITY_LIMIT
         self._start_offset = np.zeros((num, 7))  # rad
         self._elapsed = np.zeros(num, dtype=np.int64)
         self._past: deque[tuple[Array, Array]] = deque(maxlen=REMEMBERED)  # measured joints and commanded targets, rad
@@ -233,7 +233,7 @@ class ArmEnvironment:
         if self._clearance is None:
             self._clearance = Clearance(self.arms.model)
         past = self.arms.past_range().max(axis=1) > RANGE_TOLERANCE
-        fast = (np.abs(self.arms.joint_velocity) > VELOCITY_LIMIT).any(axis=1)
+        fast = (np.abs(self.arms.joint_velocity) > self._speed_limit).any(axis=1)
         deep = self._clearance.depth(*self.arms.geom_frames()) > self.table_tolerance
         return np.stack([past, fast, deep], axis=1)
 

@@ -16,7 +16,8 @@ from skillcli.toml_file import read_toml
 
 Quaternion = tuple[float, float, float, float]
 SEVEN = 7
-SHORTEST_TIMESTEP = 1e-4  # s
+SHORTEST_TIMESTEP, LONGEST_TIMESTEP = 1e-4, 0.02  # s
+FARTHEST = 10.0  # m, of any offset: beyond, the arm is nowhere near the table
 _EXAMPLE = "docs/robots.md has an example"
 OTHER_ARM = "skills are joint motions of the Sawyer and do not carry over to another arm; training on one is not possible yet"
 
@@ -31,6 +32,8 @@ class Frame(Section):
     def _turns(self) -> Frame:
         if not any(self.quat):
             raise ValueError("quat must not be all zeros")
+        if max(map(abs, self.pos)) > FARTHEST:
+            raise ValueError(f"pos must lie within {FARTHEST:g} m, got {list(self.pos)}")
         return self
 
 
@@ -78,10 +81,18 @@ class Description(Section):
         None, "whether the controller carries the arm; by default yes with `gains`, else as the model says", strict=True
     )
     start: Joints | None = value(None, "joint vector at reset; by default the task's", "rad")
+    speed_limit: Joints | None = value(None, "largest speed of each joint; by default the Sawyer's data sheet", "rad/s")
     timestep: float | None = value(
-        None, "of the physics; by default the model's own", "s", ge=SHORTEST_TIMESTEP, le=0.02, strict=True
+        None, "of the physics; by default the model's own", "s", ge=SHORTEST_TIMESTEP, le=LONGEST_TIMESTEP, strict=True
     )
     base: Frame = Frame()
+
+    @field_validator("speed_limit")
+    @classmethod
+    def _positive(cls, given: Joints | None) -> Joints | None:
+        if given is not None and min(given) <= 0:
+            raise ValueError("every speed must be positive")
+        return given
 
     @field_validator("joints", "actuators")
     @classmethod
