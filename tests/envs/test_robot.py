@@ -423,7 +423,7 @@ def test_a_servo_that_cannot_be_told_to_stay_at_the_start_is_refused(tmp_path: P
     elbow = re.compile('("elbow"[^>]*ctrlrange=)"-4 4"')
     robot = load_robot(described(tmp_path, WITHOUT_GAINS, elbow.sub(r'\1"0 1"', servos)))
     with pytest.raises(
-        UsageError, match=r"start: joint 'elbow' starts at 1.65.* rad, and its servo takes 0 .. 1 rad"
+        UsageError, match=r"joint .elbow. starts at 1.65.* rad, and its servo takes 0 .. 1 rad"
     ) as caught:
         make(REACH, 1, robot=robot)
     assert "ctrlrange" in caught.value.hint and "robot.toml" in caught.value.message
@@ -468,7 +468,7 @@ def test_joint_speeds_are_judged_by_the_robots_own_data_sheet(tmp_path: Path) ->
 
 
 def chain_of(*links: tuple[float, float, float]) -> str:
-    """An arm as Denavit and Hartenberg write it: each link's way along the axis, m, across to the next, m, and turn, degrees."""
+    """An arm as Denavit and Hartenberg write it: each link along the axis, m, across, m, and the turn, degrees."""
     text = "".join(
         f'<body pos="{a} 0 {d}" euler="{turn} 0 0"><joint name="{name}" axis="0 0 1"/><geom size="0.05"/>'
         for name, (a, d, turn) in zip(NAMES, ((0, 0.3, 0), *((a, d, turn) for d, a, turn in links)), strict=True)
