@@ -422,9 +422,7 @@ def test_a_servo_that_cannot_be_told_to_stay_at_the_start_is_refused(tmp_path: P
     servos = driven_by('<position joint=J kp="500" kv="50" ctrlrange="-4 4"/>')
     elbow = re.compile('("elbow"[^>]*ctrlrange=)"-4 4"')
     robot = load_robot(described(tmp_path, WITHOUT_GAINS, elbow.sub(r'\1"0 1"', servos)))
-    with pytest.raises(
-        UsageError, match=r"joint .elbow. starts at 1.65.* rad, and its servo takes 0 .. 1 rad"
-    ) as caught:
+    with pytest.raises(UsageError, match=r"joint .elbow. starts at 1.65.* rad, and its servo takes 0 .. 1 rad") as caught:
         make(REACH, 1, robot=robot)
     assert "ctrlrange" in caught.value.hint and "robot.toml" in caught.value.message
     env = env_on(load_robot(described(tmp_path, WITHOUT_GAINS, elbow.sub(r'\1"1 1.7"', servos))))

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command import skill
 from rich.console import Console
 
 from skillcli import metrics
@@ -32,6 +33,7 @@ from skillcli.trajectories import SAFETY_LIMITS, Array, Trajectories
 
 SOURCE = ArtifactId("tiny", "compose", 1)
 ROBOT = Path(__file__).parent.parent / "robots" / "servo.toml"
+MESHES = ROBOT.with_name("meshes.toml")
 REPLAN = ["transfer.replan=true", "transfer.replan_seconds=0.2", "transfer.replan_budget=2"]
 # Feather-light links, much too stiff late servos, and hard knocks.
 NASTY = """name = "nasty"
@@ -204,6 +206,15 @@ def test_episodes_run_on_another_robot_and_the_source_stays(copy: Store, setting
     drawn = own.group("domains/mild")
     for name, values in other.group("domains/mild").items():
         np.testing.assert_array_equal(values, drawn[name], err_msg=name)
+
+
+def test_notes_about_a_robot_are_told_and_kept(copy: Store) -> None:
+    words = ("--store", copy.root, "--json", "transfer-eval", str(SOURCE), "--domain", "nominal", "--robot", MESHES)
+    result = skill(*words)
+    assert result.code == 0, result.err
+    notes = result.json["robot"]["notes"]
+    assert any("hangs 2.0 cm off" in note and "`gravity_compensation = true`" in note for note in notes)
+    assert all(note in " ".join(result.err.split()) for note in notes)
 
 
 def test_robot_and_sensitivity_are_inputs_and_without_them_nothing_changes(chain: Path) -> None:
