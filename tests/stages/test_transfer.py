@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command import skill
+from command import made, skill
 from rich.console import Console
 
 from skillcli import metrics
@@ -209,10 +209,10 @@ def test_episodes_run_on_another_robot_and_the_source_stays(copy: Store, setting
 
 
 def test_notes_about_a_robot_are_told_and_kept(copy: Store) -> None:
-    words = ("--store", copy.root, "--json", "transfer-eval", str(SOURCE), "--domain", "nominal", "--robot", MESHES)
-    result = skill(*words)
+    words = ("transfer-eval", str(SOURCE), "--domain", "nominal", "--robot", MESHES)
+    result = skill("--store", copy.root, *words)
     assert result.code == 0, result.err
-    notes = result.json["robot"]["notes"]
+    notes = made("--store", copy.root, *words)["robot"]["notes"]
     assert any("hangs 2.0 cm off" in note and "`gravity_compensation = true`" in note for note in notes)
     assert all(note in " ".join(result.err.split()) for note in notes)
 
