@@ -11,7 +11,7 @@ Training draws from such ranges to become robust, transfer draws from them to ju
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -81,6 +81,8 @@ NEEDS = {
     "push_rate": ("arm_push", "object_push"),
 }
 # What only says how or how often another parameter acts.
+# What goes on by chance while an episode runs, where it is not zero.
+BY_CHANCE = ("control_jitter", "joint_noise", "position_noise", "joint_drift", "position_drift", "push_rate")
 MANNERS = {others[0] for others in NEEDS.values() if len(others) == 1}
 RANGE_KEYS = {"uniform", "log_uniform", "one_of", "kind", "values"}  # how a range is written, and stored
 NEUTRAL = {name: 1.0 if parameter.unit == "factor" else 0.0 for name, parameter in PARAMETERS.items()}
@@ -133,6 +135,11 @@ class Range(BaseModel):
             return rng.uniform(low, high, shape)
         logarithm: Array = rng.uniform(np.log(low), np.log(high), shape)
         return np.exp(logarithm)
+
+    @property
+    def constant(self) -> bool:
+        """Whether every draw is the same."""
+        return self.kind == "fixed" or len(set(self.values)) == 1
 
     def quantile(self, share: Array) -> Array:
         """The values below which these shares, in [0, 1), of all draws lie; of a choice, that share of the list.
@@ -197,6 +204,17 @@ def sample(ranges: Mapping[str, Range], episodes: int, rng: np.random.Generator)
         size = PARAMETERS[name].size
         drawn[name] = values.draw(rng, (episodes,) if size == 1 else (episodes, size))
     return drawn
+
+
+def sample_each(ranges: Mapping[str, Range], rngs: Sequence[np.random.Generator]) -> dict[str, Array]:
+    """Like `sample`, each episode from a generator of its own: more episodes leave the first ones as they were."""
+    drawn = [sample(ranges, 1, rng) for rng in rngs]
+    return {name: np.concatenate([episode[name] for episode in drawn]) for name in sorted(ranges)}
+
+
+def repeats(ranges: Mapping[str, Range]) -> bool:
+    """Whether every episode is the same: nothing is drawn, and nothing goes on by chance."""
+    return all(values.constant and (name not in BY_CHANCE or not any(values.values)) for name, values in ranges.items())
 
 
 def fill(ranges: Mapping[str, Range], count: int, rng: np.random.Generator) -> dict[str, Array]:

@@ -13,14 +13,16 @@ import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from skillcli.errors import UsageError
+from skillcli.explain import complaint, shown
 from skillcli.methods import Ddpg, Interpolate, Mpc, Ppo, Sequence
 from skillcli.perturbation import RANGE_KEYS, Ranges
 from skillcli.section import Section, value
+from skillcli.toml_file import parse_toml, read_toml
 
 Vector3 = tuple[float, float, float]
 Joints = tuple[float, float, float, float, float, float, float]
@@ -153,7 +155,8 @@ class Embedding(Section):
     @model_validator(mode="after")
     def _ordered(self) -> Embedding:
         if not self.min_std < self.initial_std < self.max_std:
-            raise ValueError("min_std < initial_std < max_std must hold")
+            three = f"min_std {self.min_std:g}, initial_std {self.initial_std:g}, max_std {self.max_std:g}"
+            raise ValueError(f"min_std < initial_std < max_std must hold, got {three}")
         return self
 
 
@@ -303,12 +306,13 @@ class Transfer(Section):
 
 
 MAX_GRID = 1024  # latents on the grid of a search
+DEEPEST = 8  # names in a key of --set; no recipe has so many
 
 
 class Recipe(Section):
     """A whole experiment, from training to transfer."""
 
-    name: str = value(..., "the recipe's name", "", pattern=r"^[a-z0-9][a-z0-9-]{0,63}$")
+    name: str = value(..., "the recipe's name", "")
     description: str = value("", "what this recipe is for, in one line", "")
     task: Task = value(..., "what the skills are for", "")
     embedding: Embedding = Embedding()
@@ -324,6 +328,13 @@ class Recipe(Section):
     mpc: Mpc = Mpc()
     compose: Compose = Compose()
     transfer: Transfer = Transfer()
+
+    @field_validator("name")
+    @classmethod
+    def _fit_for_an_id(cls, name: str) -> str:
+        if not re.fullmatch(r"[a-z0-9][a-z0-9-]{0,63}", name):
+            raise ValueError("expected 1 to 64 lower-case letters, digits and dashes, no dash in front")
+        return name
 
     @model_validator(mode="after")
     def _grid_of_bounded_size(self) -> Recipe:
@@ -373,7 +384,7 @@ def resolve(content: Mapping[str, Any], overrides: Iterable[str] = ()) -> Recipe
     try:
         return Recipe.model_validate(merged)
     except ValidationError as error:
-        raise UsageError(*_explain(error)) from error
+        raise UsageError(*_explained(error)) from error
 
 
 def describe(recipe: Recipe) -> list[tuple[str, Any, str, str]]:
@@ -405,11 +416,11 @@ def _read(name: str, seen: tuple[str, ...]) -> dict[str, Any]:
     if name in seen:
         raise UsageError(f"recipe {name!r} extends itself: {' -> '.join((*seen, name))}", "remove one `extends`")
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = read_toml(path)
     except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
         known = ", ".join(recipe_names())
         raise UsageError(f"no recipe {name!r}", f"shipped recipes: {known}; or give the path of a .toml file") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError, ValueError, RecursionError) as error:
+    except (OSError, ValueError) as error:
         raise UsageError(f"recipe {name!r} cannot be read: {error}", "a recipe is a TOML file") from error
     base = content.pop("extends", None)
     if base is None:
@@ -433,41 +444,26 @@ def _merge(base: dict[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
 def _override(text: str) -> dict[str, Any]:
     key, equals, raw = text.partition("=")
     parts = key.strip().split(".")
-    if not equals or not all(parts):
-        raise UsageError(f"--set {text!r}: expected key=value", "for example --set training.iterations=20")
+    if not equals or not all(parts) or len(parts) > DEEPEST:
+        raise UsageError(f"--set {shown(text)}: expected key=value", "for example --set training.iterations=20")
     item: Any
     try:
-        item = tomllib.loads(f"item = {raw}")["item"]
-    except RecursionError:
-        raise UsageError(f"--set {key}: the value is nested too deeply", "give a plain value") from None
+        item = parse_toml(f"item = {raw}")["item"]
     except tomllib.TOMLDecodeError:
         item = raw.strip()  # a bare word is a string: --set compose.task=triangle
+    except ValueError as error:
+        raise UsageError(f"--set {key}: {error}", "give a plain value") from None
     for part in reversed(parts):
         item = {part: item}
     return dict(item)
 
 
-def _explain(error: ValidationError) -> tuple[str, str]:
-    """One line and a hint out of pydantic's report, for its first complaint."""
-    first = error.errors()[0]
-    where = [str(part) for part in first["loc"] if str(part) not in ("point", "reach", "push")]
-    key = ".".join(where) or "recipe"
-    if first["type"] == "extra_forbidden":
-        known = ", ".join(_known_keys(where[:-1]))
-        return f"unknown recipe key {key!r}", f"keys here: {known}" if known else "see `skill recipes show NAME`"
-    if first["type"] == "missing":
-        return f"recipe key {key!r} is missing", "see `skill recipes show NAME`"
-    got = first.get("input")
-    shown = "" if isinstance(got, dict | list) or got is None else f", got {got!r}"
-    return f"recipe key {key!r}: {first['msg']}{shown}", "see `skill recipes show NAME` for units and meaning"
-
-
-def _known_keys(where: list[str]) -> list[str]:
-    model: Any = Recipe
-    for part in where:
-        field = model.model_fields.get(part) if hasattr(model, "model_fields") else None
-        if field is None:
-            return []
-        options = get_args(field.annotation)
-        model = options[0] if options else field.annotation
-    return sorted(getattr(model, "model_fields", {}))
+def _explained(error: ValidationError) -> tuple[str, str]:
+    """One line and a hint, for the first complaint."""
+    found = complaint(error, Recipe)
+    if found.kind == "unknown":
+        return f"unknown recipe key {found.key!r}", f"keys here: {', '.join(sorted(found.known))}"
+    if found.kind == "missing":
+        return f"recipe key {found.key!r} is missing", "see `skill recipes show NAME`"
+    label = f"recipe key {found.key!r}{found.entry}" if found.keys else "recipe"
+    return f"{label}: {found.said}", "see `skill recipes show NAME` for units and meaning"

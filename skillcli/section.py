@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, get_args
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic_core import PydanticCustomError
 
 
 def value(default: Any, description: str, unit: str = "", **bounds: Any) -> Any:
@@ -13,6 +15,44 @@ def value(default: Any, description: str, unit: str = "", **bounds: Any) -> Any:
 
 
 class Section(BaseModel):
-    """Frozen: unknown keys, NaN and infinities are refused."""
+    """Frozen: unknown keys, NaN and infinities are refused, and what only looks like a number or like true and false."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_look_alikes(cls, given: Any) -> Any:
+        """Refuse true and "1" for the number 1, and 1 and "yes" for true: pydantic would take them."""
+        for key, item in given.items() if isinstance(given, Mapping) else ():
+            if key in cls.model_fields:
+                _check_look_alikes(key, item, set(_leaves(cls.model_fields[key].annotation)))
+        return given
+
+
+def _check_look_alikes(key: str, given: Any, wanted: set[Any]) -> None:
+    for item in _leaves_of(given):
+        if wanted <= {int, float} and isinstance(item, bool | str):
+            raise _look_alike(key, "a number" if float in wanted else "a whole number", item)
+        if wanted == {bool} and not isinstance(item, bool):
+            raise _look_alike(key, "true or false", item)
+
+
+def _leaves(annotation: Any) -> Iterator[Any]:
+    """The types that a value, or the entries of a list, may have."""
+    inner = [option for option in get_args(annotation) if option is not Ellipsis and option is not type(None)]
+    if not inner:
+        yield annotation
+    for option in inner:
+        yield from _leaves(option)
+
+
+def _leaves_of(given: Any) -> Iterator[Any]:
+    if not isinstance(given, list | tuple):
+        yield given
+        return
+    for item in given:
+        yield from _leaves_of(item)
+
+
+def _look_alike(key: str, expected: str, item: Any) -> PydanticCustomError:
+    return PydanticCustomError("look_alike", "expected {expected}", {"key": key, "expected": expected, "got": item})

@@ -24,14 +24,14 @@ SAFETY_LIMITS = ("joint_range", "joint_speed", "table_clearance", "box_pressed",
 class Trajectories:
     """Recorded episodes; a quantity that the task does not have is None.
 
-    Positions are in the frame of the robot's base. The judged point of an episode is the box where there is one, else
-    the gripper, else the point itself.
+    Positions are in the frame of the robot's base. The judged point of an episode is the box in the plane of the table where
+    there is one, else the gripper, else the point itself; a task that judges another point records `judged_position`.
     """
 
     time: Array  # (T+1,) s
     latent: Array  # (E, T, d)
     skill: Array  # (E, T) index of the skill whose mean was fed, -1 for any other latent
-    action: Array  # (E, T, a) as applied: rad for the arm, m for the point
+    action: Array  # (E, T, a) as commanded, clipped to the action limit, before leash and joint range: rad, m for the point
     reward: Array  # (E, T) the task's own reward
     target: Array  # (E, 3) m, where the judged point should end
     success: Array  # (E,) bool
@@ -40,6 +40,8 @@ class Trajectories:
     gripper_position: Array | None = None  # (E, T+1, 3) m, the site the task is judged at
     object_pose: Array | None = None  # (E, T+1, 7) m, quaternion w x y z
     position: Array | None = None  # (E, T+1, 2) m, the point task
+    judged_position: Array | None = None  # (E, T+1, 3) m, only where it is not the point that is said above
+    unstable: Array | None = None  # (E,) bool: the simulation came apart, and the last state kept is the one before
     violations: Array | None = None  # (E, K) control steps that ended beyond each of the first K `SAFETY_LIMITS`
 
     @property
@@ -50,12 +52,22 @@ class Trajectories:
     @cached_property
     def judged(self) -> Array:
         """Path of the judged point, (E, T+1, 3) m; box and point are judged in the plane z = 0."""
+        return self.usually_judged if self.judged_position is None else self.judged_position
+
+    @property
+    def usually_judged(self) -> Array:
+        """Path of the point that is judged where nothing else is said, (E, T+1, 3) m."""
         if self.object_pose is None and self.gripper_position is not None:
             return self.gripper_position
         plane = self.position if self.object_pose is None else self.object_pose[..., :2]
         if plane is None:
             raise ValueError("trajectories hold no position: object_pose, gripper_position or position is needed")
         return np.concatenate([plane, np.zeros_like(plane[..., :1])], axis=-1)
+
+    @property
+    def stable(self) -> Array:
+        """Which episodes did not come apart, (E,) bool."""
+        return np.ones(self.episodes, dtype=bool) if self.unstable is None else ~self.unstable
 
     @property
     def beyond_limits(self) -> dict[str, Array]:
@@ -83,7 +95,8 @@ class Trajectories:
     def join(parts: Sequence[Trajectories]) -> Trajectories:
         """Recordings with the same control period, one behind the other; shorter ones rest in their last state."""
         longest = max(parts, key=lambda part: len(part.time))
-        padded = [part.padded(len(longest.time) - 1) for part in parts]
+        filled = _alike(parts)
+        padded = [part.padded(len(longest.time) - 1) for part in filled]
         first = padded[0].arrays()
         joined = {name: np.concatenate([getattr(part, name) for part in padded]) for name in first if name != "time"}
         return Trajectories(time=longest.time, **joined)
@@ -110,4 +123,23 @@ class Trajectories:
         return Trajectories(**chosen)
 
 
-_PER_STEP = ("latent", "skill", "action", "reward", "joint_position", "gripper_position", "object_pose", "position")
+_PER_STEP = (
+    "latent",
+    "skill",
+    "action",
+    "reward",
+    "joint_position",
+    "gripper_position",
+    "object_pose",
+    "position",
+    "judged_position",
+)
+
+
+def _alike(parts: Sequence[Trajectories]) -> list[Trajectories]:
+    """The same recordings, all with the fields that some leave out because they would say nothing new."""
+    if any(part.judged_position is not None for part in parts):
+        parts = [replace(part, judged_position=part.judged) for part in parts]
+    if any(part.unstable is not None for part in parts):
+        parts = [replace(part, unstable=~part.stable) for part in parts]
+    return list(parts)

@@ -9,7 +9,19 @@ from pathlib import Path
 import skillcli
 
 ROOT = Path(skillcli.__file__).parent
-BASE = {"recipe", "section", "methods", "perturbation", "pushing", "metrics", "seeding", "errors", "trajectories"}
+BASE = {
+    "recipe",
+    "section",
+    "explain",
+    "toml_file",
+    "methods",
+    "perturbation",
+    "pushing",
+    "metrics",
+    "seeding",
+    "errors",
+    "trajectories",
+}
 MIDDLE = {"envs", "learning", "composition", "store", "viz"}
 BELOW = {"cli": {"cli", "stages"} | MIDDLE | BASE, "stages": {"stages"} | MIDDLE | BASE}
 BELOW |= {part: {part} | BASE for part in MIDDLE} | dict.fromkeys(BASE, BASE) | {"__init__": set()}

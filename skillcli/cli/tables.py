@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from rich.console import Group
@@ -104,11 +104,10 @@ def transfer(artifact: Artifact) -> Group:
     found = artifact.results
     table = _table("domain", "success", "95 %", "gap", "retention", "median", "p90", "replay")
     for domain in found["domains"]:
-        low, high = domain["ci95"]
         distance, retention = domain["final_distance_m"], domain["retention"]
         gap, replay = domain.get("gap"), domain.get("replay_error_m")  # older artifacts do not say
         table.add_row(
-            domain["name"], f"{domain['successes']}/{domain['episodes']}", f"{low:.0%}–{high:.0%}",
+            domain["name"], f"{domain['successes']}/{domain['episodes']}", _interval(domain),
             "–" if gap is None else f"{gap:.0%}", "–" if retention is None else f"{retention:.2f}",
             _centimetres(distance["median"]), _centimetres(distance["p90"]), _centimetres(replay["median"] if replay else None),
         )  # fmt: skip
@@ -119,22 +118,52 @@ def transfer(artifact: Artifact) -> Group:
     return Group(f"[bold]{artifact.id}[/]: {artifact.parents[0].id} on {robot}{again}", table, "\n".join(said), *parts)
 
 
+def _interval(outcome: Mapping[str, Any]) -> str:
+    """The interval of a success rate, where anything is left to chance."""
+    low, high = outcome["ci95"]
+    return "exact" if outcome.get("deterministic") else f"{low:.0%}–{high:.0%}"
+
+
+def _once(domains: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Of domains in which every episode would be the same."""
+    once = [domain for domain in domains if domain.get("deterministic")]
+    names = ", ".join(domain["name"] for domain in once)
+    return [f"{names}: deterministic, one episode of each route or skill, no interval"] if once else []
+
+
+def _unstable(domains: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Of domains in which simulations came apart."""
+    told = [f"{each['name']} in {each['unstable']} of {each['episodes']} episodes" for each in domains if each.get("unstable")]
+    return [f"unstable: {', '.join(told)}; the simulation came apart, no distance is counted"] if told else []
+
+
 def _footnotes(found: Mapping[str, Any]) -> list[str]:
     """Of a transfer: what `replay` is, limits that are broken, the worst episode by the name that it has in the viewer."""
+    said = [*_unstable(found["domains"]), *_once(found["domains"])]
     if "worst" not in found["domains"][0]:
-        return []
-    lines = ["replay: the source's commands sent blindly, median distance between where they end here and there"]
+        return said
+    lines = [*said, "replay: the source's commands sent blindly, median distance between where they end here and there"]
     broken = [
         f"{name}: {limit} in {count} episodes"
         for name, part in [("source", found["source"]), *((domain["name"], domain) for domain in found["domains"])]
         for limit, count in part["violations"].items()
         if count
     ]
-    worst = [(each, domain) for domain in found["domains"] for each in domain["worst"][:1]]
-    each, domain = max(worst, key=lambda pair: pair[0]["final_distance_m"])
-    within = each["episode"] % domain["episodes"]  # all domains have as many
     lines += [f"safety limits broken: {'; '.join(broken)}"] if broken else []
-    return [*lines, f"farthest off: {domain['name']} {within}, {_centimetres(each['final_distance_m'])}"]
+    ended = [(each["final_distance_m"], each["episode"] - first, name) for name, first, each in _worst(found["domains"])]
+    if not ended:
+        return lines
+    distance, episode, name = max(ended)
+    return [*lines, f"farthest off: {name} {episode}, {_centimetres(distance)}"]
+
+
+def _worst(domains: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, int, Mapping[str, Any]]]:
+    """The episode of each domain that ends farthest off, with the domain and the number of its first episode."""
+    first = 0
+    for domain in domains:
+        ended = [each for each in domain["worst"] if each["final_distance_m"] is not None]
+        yield from ((domain["name"], first, each) for each in ended[:1])
+        first += domain["episodes"]
 
 
 def _sensitivity(domain: dict[str, Any]) -> Table | None:
@@ -143,8 +172,7 @@ def _sensitivity(domain: dict[str, Any]) -> Table | None:
         return None
     table = _table(f"{domain['name']}: alone", "success", "95 %", "median")
     for row in domain["sensitivity"]:
-        low, high = row["ci95"]
-        shown = f"{row['successes']}/{row['episodes']}", f"{low:.0%}–{high:.0%}"
+        shown = f"{row['successes']}/{row['episodes']}", _interval(row)
         table.add_row(row["parameter"], *shown, _centimetres(row["final_distance_m"]["median"]))
     return table
 

@@ -47,19 +47,29 @@ def plain(console: Console) -> Report:
 
 
 class Clock:
-    """Estimates the time left of each stage from its own beginning, which a resumed one has behind it."""
+    """Estimates the time left of each stage from its own beginning, which a resumed one has behind it.
+
+    Between two units of work the estimate counts down, at most to where the unit should have ended: it does not rise only
+    because a unit takes its time.
+    """
 
     def __init__(self) -> None:
         self._stage, self._began, self._first = "", 0.0, 0
+        self._done, self._moved = 0, 0.0  # units of work when they last grew, and when that was
 
     def left(self, progress: Progress) -> str:
         """Minutes and seconds left, "?" as long as nothing can be said."""
+        now = time.monotonic()
         if progress.stage != self._stage:
-            self._stage, self._began, self._first = progress.stage, time.monotonic(), progress.done
+            self._stage, self._began, self._first = progress.stage, now, progress.done
+            self._done, self._moved = progress.done, now
+        if progress.done != self._done:
+            self._done, self._moved = progress.done, now
         done = progress.done - self._first
         if done <= 0:
             return "?"
-        seconds = round((time.monotonic() - self._began) * (progress.total - progress.done) / done)
+        each = (self._moved - self._began) / done
+        seconds = round(each * (progress.total - progress.done) - min(each, now - self._moved))
         return f"{seconds // 60}:{seconds % 60:02d}"
 
 

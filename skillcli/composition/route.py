@@ -32,13 +32,13 @@ class Walk:
 class Route:
     """Waypoints to be passed in order; at the last one the judged point should stay.
 
-    Where there is a second landmark, the gripper beside a box, it is led to where it can push the box straight at the
-    waypoint that is due: without that a box that nobody touches looks the same whatever the gripper does.
+    Where there is a box, the first two landmarks are the box and the gripper, which is led to where it can push the box
+    straight at the waypoint that is due: without that a box that nobody touches looks the same whatever the gripper does.
     """
 
     waypoints: Array  # (W, 3) m
     tolerance: float  # m, a waypoint before the last is passed within this
-    half_edges: tuple[float, float] = (0.0, 0.0)  # m, half of the edges of the box along x and y
+    half_edges: tuple[float, float] = (0.0, 0.0)  # m, half of the edges of the box along x and y, 0 where there is none
     approach: float = 0.25  # metres to go that a metre between gripper and that place counts for
 
     def follow(self, due: Array, path: Array, within: float = 0.0) -> Walk:
@@ -65,9 +65,12 @@ class Route:
         return gap
 
     def left(self, due: Array, points: Array) -> Array:
-        """Metres to go for landmarks (..., L, 3) m: to the waypoint due, on through the others, and the approach; (...,)."""
+        """Metres to go for landmarks (..., L, 3) m: to the waypoint due, on through the others, and the approach; (...,).
+
+        Without a box there is no approach, whatever the landmarks behind the first are.
+        """
         left = self.way(due, points)
-        if points.shape[-2] > 1:
+        if any(self.half_edges):
             left += self.approach * self.detour(due, points)
         return left
 

@@ -81,6 +81,16 @@ class UniformCostSearch:
             return True
         return self.goal is not None and self.goal.cost <= self._open[0][0]
 
+    @property
+    def standing(self) -> str:
+        """How far the best plan so far comes."""
+        count = len(self.waypoints)
+        if self.goal is not None:
+            return f"a plan meets {'the waypoint' if count == 1 else f'all {count} waypoints'}"
+        left = float(self._route.way(self.best.due, self.best.points).max())
+        met = f"{int(self.best.due.min())} of {count} waypoints met, " if count > 1 else ""
+        return f"{met}{left:.3f} m to go"
+
     def ask(self, count: int) -> list[Node]:
         """The next nodes to expand, at most `count`; each is to be continued with every choice and duration."""
         left = min(count, self.settings.budget - self.expanded)
@@ -233,8 +243,7 @@ class Expansions:
     @property
     def done(self) -> tuple[int, int, str]:
         """See `Planner`."""
-        met = f"{int(self.search.best.due.min())} of {len(self.search.waypoints)} waypoints met"
-        return self.search.expanded, self.search.settings.budget, met
+        return self.search.expanded, self.search.settings.budget, self.search.standing
 
     def plan(self) -> list[Segment]:
         """See `Planner`: to the goal node, or to the nearest one when the budget is spent."""

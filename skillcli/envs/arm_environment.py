@@ -10,11 +10,11 @@ import numpy as np
 
 from skillcli.envs import disturbance, sawyer, sensors
 from skillcli.envs.arms import Arms
+from skillcli.envs.chance import Rng
 from skillcli.envs.disturbance import Disturbance
 from skillcli.envs.environment import Array, Sighting, Step
 from skillcli.envs.robot import Robot
 from skillcli.envs.safety import RANGE_TOLERANCE, STIFF_TABLE_TOLERANCE, Clearance
-from skillcli.envs.sawyer import VELOCITY_LIMIT
 from skillcli.envs.sensors import Sensors
 from skillcli.recipe import ArmTask
 
@@ -46,7 +46,7 @@ class ArmEnvironment:
     def __init__(
         self, task: ArmTask, spec: mujoco.MjSpec, goals: Array, num: int, threads: int, robot: Robot | None = None
     ) -> None:
-        self.num, self.horizon, self.tolerance = num, task.horizon, task.tolerance
+        self.num, self.horizon, self.tolerance, self.robot = num, task.horizon, task.tolerance, robot
         self.control_period = task.control_period
         self._observe_command = task.observe_command
         self.observation_size = 10 + self.shown_size + (7 if task.observe_command else 0)
@@ -55,8 +55,9 @@ class ArmEnvironment:
         self.arms = Arms(spec.compile(), num, substeps, task.action_limit, threads, names)
         self.goals = goals
         self.target = np.zeros((num, 3))
-        self.applied = np.zeros((num, 7))
+        self.applied, self.unstable = np.zeros((num, 7)), np.zeros(num, dtype=bool)
         self._start = np.array(robot.start(task) if robot else task.start)
+        self._speed_limit = robot.speed_limit if robot else sawyer.VELOCITY_LIMIT
         self._start_offset = np.zeros((num, 7))  # rad
         self._elapsed = np.zeros(num, dtype=np.int64)
         self._past: deque[tuple[Array, Array]] = deque(maxlen=REMEMBERED)  # measured joints and commanded targets, rad
@@ -148,7 +149,7 @@ class ArmEnvironment:
             observation[:, -7:] = self._commanded() - observation[:, :7]
         return observation
 
-    def perturb(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
+    def perturb(self, parameters: Mapping[str, Array], rng: Rng) -> None:
         """See `Environment`."""
         self.arms.perturb(parameters)
         start = np.broadcast_to(parameters.get("start_offset", 0.0), (self.num, 7))
@@ -171,7 +172,7 @@ class ArmEnvironment:
         self.applied = self._move(self.arms.action_limit * action)
         self._past.append((self._measured[:, :7], before))
         self._elapsed += 1
-        failed = self.failed()
+        self.unstable, failed = self.arms.unstable(), self.failed()
         if failed.any():  # a failed episode ends in a clear state, at the start, and never in NaN
             self._place(np.flatnonzero(failed))
         if self._sensors is not None:
@@ -232,7 +233,7 @@ class ArmEnvironment:
         if self._clearance is None:
             self._clearance = Clearance(self.arms.model)
         past = self.arms.past_range().max(axis=1) > RANGE_TOLERANCE
-        fast = (np.abs(self.arms.joint_velocity) > VELOCITY_LIMIT).any(axis=1)
+        fast = (np.abs(self.arms.joint_velocity) > self._speed_limit).any(axis=1)
         deep = self._clearance.depth(*self.arms.geom_frames()) > self.table_tolerance
         return np.stack([past, fast, deep], axis=1)
 

@@ -63,8 +63,12 @@ class Arms:
         self._dof_address = np.array([joint.dofadr[0] for joint in joints])
         limits = np.array([joint.range if model.jnt_limited[joint.id] else (-np.inf, np.inf) for joint in joints])
         self._range = limits
-        self._low, self._high = limits[:, 0] + LIMIT_MARGIN, limits[:, 1] - LIMIT_MARGIN
         first = model.actuator_ctrladr[servos[0]]
+        own = slice(first, first + len(servos))
+        told = np.where(model.actuator_ctrllimited[own, None], model.actuator_ctrlrange[own], (-np.inf, np.inf))
+        # no target that the joint cannot get to, or that its servo does not take
+        self._low = np.maximum(limits[:, 0] + LIMIT_MARGIN, told[:, 0])
+        self._high = np.minimum(limits[:, 1] - LIMIT_MARGIN, told[:, 1])
         self._qpos, self._ctrl = self.batch.bind("qpos"), self.batch.bind("ctrl")[:, first : first + len(servos)]
         self._site = self.batch.bind("site_xpos")[:, model.site(GRIPPER).id]
         self._has_object = any(model.joint(j).name == OBJECT for j in range(model.njnt))

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, get_args
 
-from pydantic import ValidationError, model_validator
+from pydantic import ValidationError, field_validator, model_validator
 
 from skillcli.errors import UsageError
+from skillcli.explain import complaint
 from skillcli.recipe import Joints, Vector3
 from skillcli.section import Section, value
+from skillcli.toml_file import read_toml
 
 Quaternion = tuple[float, float, float, float]
 SEVEN = 7
-SHORTEST_TIMESTEP = 1e-4  # s
+SHORTEST_TIMESTEP, LONGEST_TIMESTEP = 1e-4, 0.02  # s
+FARTHEST = 10.0  # m, of any offset: beyond, the arm is nowhere near the table
 _EXAMPLE = "docs/robots.md has an example"
-_LENGTHS = {"pos": "three", "quat": "four"}
+OTHER_ARM = "skills are joint motions of the Sawyer and do not carry over to another arm; training on one is not possible yet"
 
 
 class Frame(Section):
@@ -31,6 +32,8 @@ class Frame(Section):
     def _turns(self) -> Frame:
         if not any(self.quat):
             raise ValueError("quat must not be all zeros")
+        if max(map(abs, self.pos)) > FARTHEST:
+            raise ValueError(f"pos must lie within {FARTHEST:g} m, got {list(self.pos)}")
         return self
 
 
@@ -78,22 +81,30 @@ class Description(Section):
         None, "whether the controller carries the arm; by default yes with `gains`, else as the model says", strict=True
     )
     start: Joints | None = value(None, "joint vector at reset; by default the task's", "rad")
+    speed_limit: Joints | None = value(None, "largest speed of each joint; by default the Sawyer's data sheet", "rad/s")
     timestep: float | None = value(
-        None, "of the physics; by default the model's own", "s", ge=SHORTEST_TIMESTEP, le=0.02, strict=True
+        None, "of the physics; by default the model's own", "s", ge=SHORTEST_TIMESTEP, le=LONGEST_TIMESTEP, strict=True
     )
     base: Frame = Frame()
 
-    @model_validator(mode="after")
-    def _seven(self) -> Description:
-        for name, given in (("joints", self.joints), ("actuators", self.actuators)):
-            if given is None:
-                continue
-            if len(given) != SEVEN:
-                raise ValueError(f"{name} must name seven, from the base to the hand, got {len(given)}")
-            twice = sorted({item for item in given if given.count(item) > 1})
-            if twice:
-                raise ValueError(f"{name} names {twice[0]!r} more than once")
-        return self
+    @field_validator("speed_limit")
+    @classmethod
+    def _positive(cls, given: Joints | None) -> Joints | None:
+        if given is not None and min(given) <= 0:
+            raise ValueError("every speed must be positive")
+        return given
+
+    @field_validator("joints", "actuators")
+    @classmethod
+    def _seven(cls, given: tuple[str, ...] | None) -> tuple[str, ...] | None:
+        if given is None:
+            return None
+        if len(given) != SEVEN:
+            raise ValueError(f"must name seven, from the base to the hand, got {len(given)}")
+        twice = sorted({item for item in given if given.count(item) > 1})
+        if twice:
+            raise ValueError(f"names {twice[0]!r} more than once")
+        return given
 
 
 def read_description(path: Path) -> Description:
@@ -103,15 +114,15 @@ def read_description(path: Path) -> Description:
         UsageError: it is not there, is not TOML, has an unknown key or a value out of bounds.
     """
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = read_toml(path)
     except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
         raise UsageError("no such file", "a robot is described by a small TOML file; docs/robots.md has an example") from None
-    except (UnicodeDecodeError, OSError, ValueError, RecursionError) as error:
+    except (OSError, ValueError) as error:
         raise UsageError(f"cannot be read: {error}", "a robot file is TOML; docs/robots.md has an example") from error
     try:
         return Description.model_validate(content)
     except ValidationError as error:
-        raise UsageError(*_explain(error)) from error
+        raise UsageError(*_explained(error)) from error
 
 
 @contextmanager
@@ -123,33 +134,13 @@ def blaming(path: Path) -> Iterator[None]:
         raise UsageError(f"robot {path}: {error.message}", error.hint) from error
 
 
-def _explain(error: ValidationError) -> tuple[str, str]:
-    """One line and a hint out of pydantic's report, for its first complaint."""
-    first = error.errors()[0]
-    where = [str(part) for part in first["loc"]]
-    key = ".".join(where)
-    if first["type"] == "extra_forbidden":
-        return f"unknown key {key!r}", f"keys here: {', '.join(_keys(where[:-1]))}"
-    item = bool(where) and where[-1].isdigit()  # of a list of joints, coordinates or names
-    if first["type"] == "too_long" or (item and first["type"] == "missing"):
-        name = where[-2] if item else where[-1]
-        key = ".".join(part for part in where if not part.isdigit())
-        return f"{key}: expected {_LENGTHS.get(name, 'seven')} numbers", _EXAMPLE
-    if item:
-        what = "a name in quotes" if first["type"] == "string_type" else "a finite number"
-        number = int(where[-1]) + 1
-        return f"{'.'.join(where[:-1])}: expected {what}, entry {number} is {first.get('input')!r}", _EXAMPLE
-    if first["type"] == "missing":
-        return f"{key!r} is missing", _EXAMPLE
-    got = first.get("input")
-    shown = "" if isinstance(got, dict | list) or got is None else f", got {got!r}"
-    said = first["msg"].removeprefix("Value error, ")
-    return (f"{key}: " if key else "") + said + shown, _EXAMPLE
-
-
-def _keys(where: list[str]) -> list[str]:
-    model: Any = Description
-    for part in where:
-        annotation = model.model_fields[part].annotation
-        model = next((option for option in get_args(annotation) if hasattr(option, "model_fields")), annotation)
-    return list(model.model_fields)
+def _explained(error: ValidationError) -> tuple[str, str]:
+    """One line and a hint, for the first complaint."""
+    found = complaint(error, Description)
+    if found.kind == "unknown":
+        return f"unknown key {found.key!r}", f"keys here: {', '.join(found.known)}"
+    if found.kind == "missing":
+        return f"{found.key!r} is missing", _EXAMPLE
+    seven = found.keys[:1] == ("joints",) and found.said.startswith("must name seven")
+    hint = f"{_EXAMPLE}; an arm with another number of joints is another arm: {OTHER_ARM}" if seven else _EXAMPLE
+    return (f"{found.key}{found.entry}: " if found.keys else "") + found.said, hint

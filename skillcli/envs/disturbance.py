@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from skillcli.envs.chance import Chance, Rng
 from skillcli.trajectories import Array
 
 
@@ -24,32 +25,30 @@ class Disturbance:
         num: simulations.
         substeps: of the physics in a control step.
         period: of a control step, s.
-        rng: of everything.
+        rng: of everything, one for all or one for each.
     """
 
-    def __init__(
-        self, parameters: Mapping[str, Array], num: int, substeps: int, period: float, rng: np.random.Generator
-    ) -> None:
+    def __init__(self, parameters: Mapping[str, Array], num: int, substeps: int, period: float, rng: Rng) -> None:
         none = np.zeros(num)
-        self._rng, self._period = rng, period
+        self._chance, self._each, self._period = Chance(rng), np.arange(num), period
         jitter = np.minimum(parameters.get("control_jitter", none), period)
         self._latest = np.round(jitter / period * substeps).astype(np.int64)  # substeps
-        self._chance = -np.expm1(-period * parameters.get("push_rate", none))  # of a knock in a control step
+        self._likely = -np.expm1(-period * parameters.get("push_rate", none))  # of a knock in a control step
         self._arm, self._object = parameters.get("arm_push", none), parameters.get("object_push", none)
 
     def lateness(self) -> Array | None:
         """After how many substeps each command takes effect, (N,); None where none is late."""
         if not self._latest.any():
             return None
-        return self._rng.integers(self._latest + 1)
+        return self._chance.integers("lateness", self._latest + 1)
 
     def forces(self) -> tuple[Array, Array] | None:
         """Forces on arm and box in this control step, (N, 3) N each; None where nothing ever knocks."""
-        if not self._chance.any():
+        if not self._likely.any():
             return None
-        direction = self._rng.standard_normal((2, len(self._chance), 3))
+        direction = self._chance.normal("knocks", (2, len(self._each), 3), self._each, axis=1)
         direction[1, :, 2] = 0.0
         direction /= np.linalg.norm(direction, axis=2, keepdims=True)
-        knocked = self._rng.random((2, len(self._chance))) < self._chance
+        knocked = self._chance.uniform("knocks", (2, len(self._each)), self._each, axis=1) < self._likely
         arm, box = direction * (knocked * np.stack([self._arm, self._object]) / self._period)[..., None]
         return arm, box

@@ -5,24 +5,26 @@ A domain is a TOML file, shipped (`presets/`) or anybody's own; docs/domains.md 
 
 from __future__ import annotations
 
-import tomllib
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, Field, ValidationError
 
 from skillcli.errors import UsageError
+from skillcli.explain import complaint
 from skillcli.perturbation import PARAMETERS, Range, Ranges, closest
+from skillcli.section import Section
+from skillcli.toml_file import read_toml
 
 PRESETS = (
     "nominal", "random-starts", "mild", "real-like", "peng", "dactyl",
     "latency-40", "latency-80", "low-friction", "high-friction", "weak-gains",
 )  # fmt: skip
 _FOLDER = Path(__file__).parent / "presets"
-_MAX_BYTES = 64 * 1024
 _HELP = "docs/domains.md says how to write one; `skill domains real-like` shows an example"
 
 
@@ -35,15 +37,19 @@ class Domain:
     parameters: dict[str, Range]
 
 
-class _File(BaseModel):
+def _fit_for_a_path(name: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,39}", name):
+        raise ValueError("expected a letter or digit, then at most 39 letters, digits and _ . -")
+    return name
+
+
+class _File(Section):
     """A domain as it is written. A name is also part of a path in the store, hence its letters."""
 
-    model_config = ConfigDict(extra="forbid")
-
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,39}$")]
+    name: Annotated[str, AfterValidator(_fit_for_a_path)]
     description: Annotated[str, Field(max_length=500)] = ""
     extends: str | None = None
-    parameters: Ranges = {}
+    parameters: Ranges = Field(default_factory=dict)
 
 
 def find_domain(text: str) -> Domain:
@@ -98,37 +104,27 @@ def _load(path: Path) -> Domain:
     try:
         found = _File.model_validate(content)
     except ValidationError as error:
-        raise UsageError(*_explain(path, error)) from error
+        raise UsageError(*_explained(path, error)) from error
     return Domain(found.name, found.description, found.parameters)
 
 
 def _content(path: Path) -> dict[str, Any]:
     try:
-        with path.open("rb") as file:
-            raw = file.read(_MAX_BYTES + 1)
-        if len(raw) > _MAX_BYTES:
-            raise UsageError(f"domain file {path} is larger than {_MAX_BYTES // 1024} kB", f"is it a domain? {_HELP}")
-        return tomllib.loads(raw.decode("utf-8"))
+        return read_toml(path)
     except FileNotFoundError:
         raise UsageError(f"no domain file {path}", f"presets: {', '.join(PRESETS)}; {_HELP}") from None
-    except (OSError, ValueError, RecursionError) as error:  # ValueError: no UTF-8, no TOML, or numbers of absurd length
+    except (OSError, ValueError) as error:
         raise UsageError(f"domain file {path} cannot be read: {error}", f"a domain is a TOML file; {_HELP}") from None
 
 
-def _explain(path: Path, error: ValidationError) -> tuple[str, str]:
-    """One line and a hint out of pydantic's report, for its first complaint."""
-    first = error.errors()[0]
-    key = ".".join(str(part) for part in first["loc"][:2])
-    if first["type"] == "extra_forbidden":
-        return _unknown_field(path, key)
-    if first["type"] == "missing":
-        return f"domain file {path}: {key} is missing", f'for example {key} = "worn-gripper"; {_HELP}'
-    said = first["msg"].removeprefix("Value error, ")
-    if first["type"] == "string_pattern_mismatch":
-        said = "begins with a letter or digit, and has at most 40 letters, digits and _ . -"
-    given = first["input"]
-    shown = f", got {given!r}" if isinstance(given, str | int | float) and len(repr(given)) < 80 else ""
-    return f"domain file {path}: {key}: {said}{shown}", _HELP
+def _explained(path: Path, error: ValidationError) -> tuple[str, str]:
+    """One line and a hint, for the first complaint."""
+    found = complaint(error, _File)
+    if found.kind == "unknown":
+        return _unknown_field(path, found.key)
+    if found.kind == "missing":
+        return f"domain file {path}: {found.key} is missing", f'for example {found.key} = "worn-gripper"; {_HELP}'
+    return f"domain file {path}: {found.key}{found.entry}: {found.said}", _HELP
 
 
 def _unknown_field(path: Path, key: str) -> tuple[str, str]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol
 
-import numpy as np
 from numpy.typing import NDArray
 
+from skillcli.envs.chance import Rng
 from skillcli.trajectories import SAFETY_LIMITS, Array
 
 __all__ = ["SAFETY_LIMITS", "Array", "Environment", "Sighting", "Step"]
@@ -41,7 +41,8 @@ class Environment(Protocol):
     goals: Array  # (K, 3) m, the goal of each skill
     tolerance: float  # m
     target: Array  # (N, 3) m, the goal that the reward looks at
-    applied: Array  # (N, a) the action of the last step as it was applied, rad or m
+    applied: Array  # (N, a) the last step's action as it was commanded, clipped to the action limit, rad or m
+    unstable: Array  # (N,) bool: whose last step ended in a state that is not finite or not of this world
 
     def reset(self, ids: Array, skill: Array) -> None:
         """Put these simulations at the start, with the goals of these skills (n,), and their clocks at zero."""
@@ -76,12 +77,13 @@ class Environment(Protocol):
     def imagine(self, ids: Array, state: Array) -> None:
         """Put simulations (n,) into the state that sightings (n, v) suggest, those of another robot perhaps."""
 
-    def perturb(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
+    def perturb(self, parameters: Mapping[str, Array], rng: Rng) -> None:
         """Turn every simulation into a robot of its own, before a reset; see `skillcli.perturbation.PARAMETERS`.
 
         Args:
             parameters: (N,) or (N, n) by name; what is absent is nominal.
-            rng: of all that goes on by chance while the episode runs: noise, drift, late commands, knocks.
+            rng: of all that goes on by chance while the episode runs: noise, drift, late commands, knocks. One for all
+                simulations, or one for each.
         """
 
     def violations(self) -> Array:

@@ -10,9 +10,11 @@ import mujoco
 import numpy as np
 
 from skillcli.envs import sawyer
+from skillcli.envs.build import check_build
 from skillcli.envs.description import Description, Gripper
 from skillcli.envs.mjcf import (
     check_joints,
+    check_numbers,
     compile_model,
     drop_missing_files,
     drop_scene,
@@ -45,6 +47,8 @@ def build(path: Path, description: Description) -> tuple[mujoco.MjSpec, sawyer.N
     drop_scene(child, description.joints)
     locked = lock_loose_joints(child, description.joints)
     model = compile_model(child, path)
+    check_numbers(model, path)
+    check_build(model, description.joints)
     if missing and not (model.geom_contype | model.geom_conaffinity).any():
         raise UsageError("model: nothing is left of the arm that can touch anything", f"{missing[0]}; put the files there")
     servos, replaced = find_servos(model, description.joints, description.actuators, description.gains)

@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
+import numpy as np
 
 import skillcli.envs.quiet  # noqa: F401
+from skillcli.envs.effort import check_effort
 from skillcli.errors import UsageError
 
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
@@ -23,8 +25,16 @@ def read_mjcf(path: Path) -> mujoco.MjSpec:
     Raises:
         UsageError: there is no such file, or MuJoCo cannot read it.
     """
-    if not path.is_file():
-        raise UsageError(f"model: no file {path}", "the path is relative to the robot file")
+    try:
+        there = path.is_file()
+    except OSError:  # no name of a file
+        there = False
+    if not there:
+        raise UsageError(f"model: no file {str(path)[:300]}", "the path is relative to the robot file")
+    try:
+        check_effort(path)
+    except OSError as error:
+        raise UsageError(f"model: {path.name} cannot be read: {error.strerror or error}", "see who may read it") from None
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
@@ -63,6 +73,37 @@ def compile_model(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
             f"model: MuJoCo cannot compile {path.name}: {_line(error)}",
             "a link whose meshes are missing needs an <inertial> of its own" if "mass" in str(error) else "mend the MJCF",
         ) from error
+
+
+LARGEST = 1e15  # of any number in a model; mass, length and stiffness of what stands on a table are far below
+_WRITTEN = ("dof_", "jnt_", "body_", "geom_", "site_")  # what a person writes, and is named before what follows from it
+
+
+def check_numbers(model: mujoco.MjModel, path: Path) -> None:
+    """Refuse a model with numbers that are not finite, or that nothing on earth has.
+
+    Raises:
+        UsageError: it has some; MuJoCo takes them and simulates nonsense.
+    """
+    for name in ("dof_armature", "dof_damping", "dof_frictionloss", "jnt_stiffness"):
+        if (getattr(model, name) < 0).any():
+            raise UsageError(f"model: {path.name} has a negative {name.split('_')[1]} of a joint", "mend the MJCF")
+    numbers = [*_numbers(model.opt), *sorted(_numbers(model), key=lambda pair: _derived(pair[0]))]
+    for name, values in numbers:
+        if not (np.abs(values) < LARGEST).all():
+            raise UsageError(f"model: {path.name} has a number that is not finite, or absurd, in {name}", "mend the MJCF")
+
+
+def _derived(name: str) -> bool:
+    return not name.startswith(_WRITTEN) or "0" in name
+
+
+def _numbers(owner: Any) -> Iterator[tuple[str, Any]]:
+    """All floating point numbers of a model or its options, by name."""
+    for name in (name for name in dir(owner) if not name.startswith("_")):
+        values = getattr(owner, name)
+        if isinstance(values, float | np.ndarray) and np.asarray(values).dtype.kind == "f":
+            yield name, np.asarray(values)
 
 
 def drop_missing_files(spec: mujoco.MjSpec, path: Path) -> list[str]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from skillcli.envs.chance import Chance, Rng
 from skillcli.envs.environment import Array, Sighting, Step
 from skillcli.recipe import PointTask
 
@@ -28,12 +29,12 @@ class PointEnvironment:
         self._step_limit: Array = np.full((num, 1), task.step_limit)
         self._bound = task.bound
         self._noise: Array | None = None  # sensor noise of a transfer domain, (N, 1) m
-        self._rng = np.random.default_rng(0)
+        self._chance = Chance(np.random.default_rng(0))
         self.goals = np.array([[*goal, 0.0] for goal in task.goals])
         self.target = np.zeros((num, 3))
         self._position = np.zeros((num, 2))
         self._elapsed = np.zeros(num, dtype=np.int64)
-        self.applied = np.zeros((num, 2))
+        self.applied, self.unstable = np.zeros((num, 2)), np.zeros(num, dtype=bool)
 
     def reset(self, ids: Array, skill: Array) -> None:
         """See `Environment`."""
@@ -49,19 +50,19 @@ class PointEnvironment:
         """See `Environment`."""
         self._seen = self._position.astype(np.float32)
         if self._noise is not None:
-            self._seen += (self._noise * self._rng.standard_normal((self.num, 2))).astype(np.float32)
+            self._seen += (self._noise * self._chance.normal("noise", (self.num, 2), np.arange(self.num))).astype(np.float32)
         return self._seen
 
     def privileged(self) -> Array:
         """See `Environment`."""
         return np.zeros((self.num, 0), dtype=np.float32)
 
-    def perturb(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
-        """Change the mean gain of the moves and the position noise; what else a domain names has no meaning here."""
-        if "gain" in parameters:
-            self._step_limit = self._nominal_limit * parameters["gain"].mean(axis=1, keepdims=True)
-        if "position_noise" in parameters:
-            self._noise, self._rng = parameters["position_noise"][:, None], rng
+    def perturb(self, parameters: Mapping[str, Array], rng: Rng) -> None:
+        """See `Environment`: the mean gain of the moves and the position noise; nothing else has a meaning here."""
+        gain = parameters.get("gain", np.ones((self.num, 1)))
+        self._step_limit = self._nominal_limit * gain.mean(axis=1, keepdims=True)
+        noise = parameters.get("position_noise")
+        self._noise, self._chance = None if noise is None else noise[:, None], Chance(rng)
 
     def step(self, action: Array) -> Step:
         """See `Environment`."""

@@ -11,6 +11,7 @@ import numpy as np
 from skillcli.envs import sawyer, table
 from skillcli.envs.arm_environment import ArmEnvironment
 from skillcli.envs.arms import CONTACT_FORCE, OBJECT
+from skillcli.envs.chance import Rng
 from skillcli.envs.environment import Array
 from skillcli.envs.robot import Robot
 from skillcli.envs.safety import BOX_TOLERANCE, SOFT_TABLE_TOLERANCE, UPRIGHT, Cover
@@ -259,7 +260,7 @@ class PushEnvironment(ArmEnvironment):
         )  # fmt: skip
         return np.concatenate(parts, axis=1, dtype=np.float32, casting="same_kind")
 
-    def perturb(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
+    def perturb(self, parameters: Mapping[str, Array], rng: Rng) -> None:
         """See `Environment`."""
         super().perturb(parameters, rng)
         one, zero = np.ones(self.num), np.zeros(self.num)

@@ -14,7 +14,8 @@ import mujoco
 import numpy as np
 
 from skillcli.envs import foreign, sawyer
-from skillcli.envs.description import SHORTEST_TIMESTEP, Description, blaming, read_description
+from skillcli.envs.arms import Arms
+from skillcli.envs.description import LONGEST_TIMESTEP, SHORTEST_TIMESTEP, Description, blaming, read_description
 from skillcli.envs.environment import Array
 from skillcli.envs.mjcf import compile_model, quietly
 from skillcli.envs.servos import Servo
@@ -25,6 +26,8 @@ from skillcli.recipe import ArmTask, PushTask, ReachTask
 # about much the same axis. Another arm of the same build is within centimetres; wrong conventions are not.
 FARTHEST, NOTICED = 0.25, 0.05  # m
 OVERLAP = 0.002  # m
+HELD, HELD_STEPS = 0.05, 60  # s, and how many of them: the arm has come to rest after 3 s
+SAGS = 0.5, 0.005  # degrees and m from where it is told to be that are worth a note
 LEAST_COSINE = math.cos(math.radians(45))
 
 
@@ -54,6 +57,11 @@ class Robot:
         """Joint vector at reset, (7,) rad."""
         return self.description.start or task.start
 
+    @property
+    def speed_limit(self) -> Array:
+        """Largest speed of each joint, (7,) rad/s."""
+        return np.array(self.description.speed_limit or sawyer.VELOCITY_LIMIT)
+
     def arm_spec(self, task: ArmTask, delay: bool = False) -> mujoco.MjSpec:
         """The arm behind the table, ready for a task to add what it needs.
 
@@ -80,6 +88,14 @@ class Robot:
                 raise UsageError(
                     f"start: joint {shown!r} at {angle:g} rad is outside of its range {low:g} .. {high:g}",
                     "mend `start`" if self.description.start else "the task starts there; give a `start` within the ranges",
+                )
+        for servo, shown, angle in zip(self.names.servos, self.description.joints, self.start(task), strict=True):
+            address = self.model.actuator_ctrladr[self.model.actuator(servo).id]
+            low, high = self.model.actuator_ctrlrange[address]
+            if self.model.actuator_ctrllimited[address] and not low <= angle <= high:
+                raise UsageError(
+                    f"start: joint {shown!r} starts at {angle:g} rad, and its servo takes {low:g} .. {high:g} rad only",
+                    "mend the servo's ctrlrange, or give a `start` within it",
                 )
 
     def _timestep(self, period: float, own: float) -> float:
@@ -117,12 +133,14 @@ def load_robot(path: Path) -> Robot:
         if np.linalg.norm(away) > NOTICED:
             notes.append(f"at the task's start the gripper is {100 * np.linalg.norm(away):.0f} cm from where the source has it")
         notes += _collisions(model, names)
+        notes += at_rest(model, names, description)
+        fingerprint = _fingerprint(description, scene, model)
     return Robot(
         path=path,
         description=description,
         names=names,
         notes=tuple(notes),
-        fingerprint=_fingerprint(description, scene, model),
+        fingerprint=fingerprint,
         summary=_summary(path, description, model, servos, notes, away),
         scene=scene,
         model=model,
@@ -130,9 +148,9 @@ def load_robot(path: Path) -> Robot:
 
 
 def _check_timestep(description: Description, own: float) -> None:
-    if description.timestep is None and own < SHORTEST_TIMESTEP:
+    if description.timestep is None and not SHORTEST_TIMESTEP <= own <= LONGEST_TIMESTEP:
         raise UsageError(
-            f"timestep: the model's own, {own:g} s, would take {1 / own:.0f} steps a second",
+            f"timestep: the model's own is {own:g} s, from {SHORTEST_TIMESTEP:g} to {LONGEST_TIMESTEP:g} s are taken",
             "give `timestep`, for example 0.002",
         )
 
@@ -201,12 +219,32 @@ def _collisions(model: mujoco.MjModel, names: sawyer.Names) -> list[str]:
     return [f"at the task's start these overlap, an <exclude> may be missing: {shown}"] if pairs else []
 
 
+def at_rest(model: mujoco.MjModel, names: sawyer.Names, description: Description) -> list[str]:
+    """A note where the arm, told to stay at its start, hangs below it or comes apart."""
+    arms = Arms(model, 1, max(1, round(HELD / model.opt.timestep)), 0.0, 1, names)
+    arms.place(np.zeros(1, dtype=int), np.array([description.start or ReachTask().start]))
+    told, here = arms.commanded.copy(), arms.gripper_position.copy()
+    for _ in range(HELD_STEPS):
+        arms.move(np.zeros((1, 7)))
+        if arms.unstable().any():
+            return ["told to stay at its start the arm comes apart: its gains are too high for the time step"]
+    off = np.degrees(np.abs(arms.joint_position - told)[0])
+    away = float(np.linalg.norm(arms.gripper_position - here))
+    if off.max() < SAGS[0] and away < SAGS[1]:
+        return []
+    carried = bool(np.all(model.body_gravcomp[model.jnt_bodyid[[model.joint(name).id for name in names.joints]]] >= 1))
+    why = "" if carried else ": the controller does not carry its weight, with `gravity_compensation = true` it does"
+    worst = description.joints[int(off.argmax())]
+    return [f"at rest the arm hangs {100 * away:.1f} cm off where it is told to be, {worst!r} by {off.max():.1f}°{why}"]
+
+
 def _shown(vector: Array) -> str:
     return "(" + ", ".join(f"{x:.2f}" for x in vector + 0.0) + ")"
 
 
 def _fingerprint(description: Description, scene: mujoco.MjSpec, model: mujoco.MjModel) -> str:
-    said = description.model_dump(mode="json", exclude={"model"})
+    later = {"speed_limit"} if description.speed_limit is None else set()  # older files keep their fingerprint
+    said = description.model_dump(mode="json", exclude={"model", *later})
     text = re.sub(r'(file|meshdir|texturedir)="[^"]*"', "", scene.to_xml())  # where the files lie does not matter
     digest = hashlib.sha256(json.dumps([said, text], sort_keys=True).encode())
     digest.update(model.mesh_vert.tobytes())  # but what is in them does
@@ -224,6 +262,8 @@ def _summary(
         "servos": [{"kp": servo.kp, "kv": servo.kv} for servo in servos],
         "own_servos": description.gains is None,
         "finger": finger,
+        "speed_limit": list(description.speed_limit or sawyer.VELOCITY_LIMIT.tolist()),
+        "own_speed_limit": description.speed_limit is not None,
         "timestep": float(model.opt.timestep),
         "integrator": _integrator(model),
         "arm_mass_kg": float(model.body_mass.sum() - model.body("table").mass[0]),

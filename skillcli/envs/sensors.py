@@ -10,6 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from skillcli.envs.chance import Chance, Rng
 from skillcli.trajectories import Array
 
 JOINTS, POSITION = slice(0, 7), slice(7, 10)
@@ -36,14 +37,12 @@ class Sensors:
         parameters: (N,) or (N, n) by name, see `skillcli.perturbation.PARAMETERS`.
         num: simulations.
         period: between two control steps, s.
-        rng: of all noise.
+        rng: of all noise, one for all or one for each.
         columns: of the true states.
     """
 
-    def __init__(
-        self, parameters: Mapping[str, Array], num: int, period: float, rng: np.random.Generator, columns: int = 10
-    ) -> None:
-        self._rng = rng
+    def __init__(self, parameters: Mapping[str, Array], num: int, period: float, rng: Rng, columns: int = 10) -> None:
+        self._chance, self._each = Chance(rng), np.arange(num)
         self._white = _pair(parameters, num, "joint_noise", "position_noise")
         self._spread = _pair(parameters, num, "joint_drift", "position_drift")
         self._offset = np.zeros((num, 10))
@@ -61,7 +60,7 @@ class Sensors:
         """Begin new episodes of these simulations in true states (n, columns)."""
         self.settle(ids, true)
         if self._spread.any():
-            self._drift[ids] = self._spread[ids] * self._rng.standard_normal((len(ids), 10))
+            self._drift[ids] = self._spread[ids] * self._chance.normal("drift", (len(ids), 10), ids)
 
     def settle(self, ids: Array, true: Array) -> None:
         """Let these simulations have stood in true states (n, columns) for as long as any sensor is late."""
@@ -72,22 +71,22 @@ class Sensors:
         self._past = np.roll(self._past, 1, axis=0)
         self._past[0] = true
         if self._spread.any():
-            fresh = self._spread * self._rng.standard_normal(self._drift.shape)
+            fresh = self._spread * self._chance.normal("drift", self._drift.shape, self._each)
             self._drift = self._keeps * self._drift + np.sqrt(1 - self._keeps**2) * fresh
 
     def read(self) -> Array:
         """What is measured now, (N, columns)."""
-        each = np.arange(len(self._late))
-        newer, older = self._past[self._late, each], self._past[self._late + 1, each]
+        newer, older = self._past[self._late, self._each], self._past[self._late + 1, self._each]
         measured: Array = newer + self._between * (older - newer)
         measured[:, :10] += self._offset + self._drift
         if self._white.any():
-            measured[:, :10] += self._white * self._rng.standard_normal(self._white.shape)
+            measured[:, :10] += self._white * self._chance.normal("noise", self._white.shape, self._each)
         return measured
 
     def angle_error(self, arm: Array) -> Array:
         """White noise on an angle that is read off two positions `arm` (N,) m apart, (N,) rad."""
-        return self._white[:, -1] / arm * self._rng.standard_normal(len(arm))
+        error: Array = self._white[:, -1] / arm * self._chance.normal("angle", arm.shape, self._each)
+        return error
 
 
 def _pair(parameters: Mapping[str, Array], num: int, joint: str, position: str) -> Array:

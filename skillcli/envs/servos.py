@@ -19,6 +19,7 @@ _AT_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARE
 _FIXED_GAIN = int(mujoco.mjtGain.mjGAIN_FIXED)
 _AFFINE_BIAS, _NO_BIAS = int(mujoco.mjtBias.mjBIAS_AFFINE), int(mujoco.mjtBias.mjBIAS_NONE)
 FREE = (-np.inf, np.inf)
+LATEST = 1.0  # s
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ def find_servos(
         own = [i for i in chosen if _is_position(model, i)]
         if gains is not None:
             force = _force_of(model, chosen) if gains.force is None else (-gains.force[index], gains.force[index])
-            delay = max((float(model.actuator_delay[i]) for i in chosen), default=0.0)
+            delay = max((_delay_of(model, joint, i) for i in chosen), default=0.0)
             servos.append(Servo(joint, gains.kp[index], gains.kv[index], force, delay=delay, **_reflected(model, chosen)))
             replaced += acting
             continue
@@ -152,10 +153,19 @@ def _normalised(model: mujoco.MjModel, joint: str, i: int) -> Servo:
         kv=-rate * gear**2,
         force=_force_of(model, [i]),
         target=target,
-        delay=float(model.actuator_delay[i]),
+        delay=_delay_of(model, joint, i),
         filter=(mujoco.mjtDyn(kind), float(model.actuator_dynprm[i, 0])) if kind in _FILTERS else None,
         **_reflected(model, [i]),
     )
+
+
+def _delay_of(model: mujoco.MjModel, joint: str, i: int) -> float:
+    delay = float(model.actuator_delay[i])
+    if not 0 <= delay <= LATEST:
+        raise UsageError(
+            f"model: the actuator of {joint!r} is {delay:g} s late, at most {LATEST:g} s are taken", "mend the MJCF"
+        )
+    return delay
 
 
 def _reflected(model: mujoco.MjModel, chosen: list[int]) -> dict[str, Any]:

@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import assert_never
 
 import mujoco
 import numpy as np
 
 from skillcli.envs import sawyer
+from skillcli.envs.arm_environment import ArmEnvironment
+from skillcli.envs.chance import Rng
 from skillcli.envs.environment import Array, Environment
 from skillcli.envs.point import PointEnvironment
 from skillcli.envs.push import PushEnvironment, push_spec
@@ -73,13 +76,25 @@ def make(task: Task, num: int, threads: int = 0, delay: bool = False, robot: Rob
         if robot is not None:
             raise UsageError("the point task has no robot to replace", "robots are for reach and push")
         return PointEnvironment(task, num)
+    env = _arm_environment(task, num, threads, delay, robot)
+    if env.robot is not robot:
+        raise UsageError(
+            f"the {task.name} task plays on the Sawyer only: its environment leaves the robot out",
+            "it has to take `robot` and hand it on; docs/add-a-task.md shows how",
+        )
+    return env
+
+
+def _arm_environment(task: ReachTask | PushTask, num: int, threads: int, delay: bool, robot: Robot | None) -> ArmEnvironment:
     if isinstance(task, PushTask):
         return PushEnvironment(task, num, threads, delay, robot)
-    return ReachEnvironment(task, num, threads, delay, robot)
+    if isinstance(task, ReachTask):
+        return ReachEnvironment(task, num, threads, delay, robot)
+    assert_never(task)  # a new task needs a line here
 
 
 def stand(
-    task: Task, skill: Array, parameters: Mapping[str, Array], rng: np.random.Generator, threads: int = 0,
+    task: Task, skill: Array, parameters: Mapping[str, Array], rng: Rng, threads: int = 0,
     robot: Robot | None = None,
 ) -> Environment:  # fmt: skip
     """N simulations at the start, each a robot of its own.
@@ -88,7 +103,7 @@ def stand(
         task: from a recipe.
         skill: (N,) index of the goal of each.
         parameters: what differs between them, (N,) or (N, n) by name, see `skillcli.perturbation`; nothing where empty.
-        rng: of what goes on by chance in them, sensor noise and pushes.
+        rng: of what goes on by chance in them, sensor noise and pushes; one for all, or one for each.
         threads: as for `make`.
         robot: as for `make`.
     """
@@ -97,7 +112,7 @@ def stand(
     return env
 
 
-def begin(env: Environment, skill: Array, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
+def begin(env: Environment, skill: Array, parameters: Mapping[str, Array], rng: Rng) -> None:
     """Make simulations the robots of `parameters`, and put them at the start; see `stand`."""
     if parameters:
         env.perturb(parameters, rng)
@@ -105,7 +120,11 @@ def begin(env: Environment, skill: Array, parameters: Mapping[str, Array], rng: 
 
 
 def _spec_of(task: ReachTask | PushTask) -> mujoco.MjSpec:
-    return push_spec(task) if isinstance(task, PushTask) else reach_spec(task)
+    if isinstance(task, PushTask):
+        return push_spec(task)
+    if isinstance(task, ReachTask):
+        return reach_spec(task)
+    assert_never(task)
 
 
 def model_of(task: Task) -> mujoco.MjModel | None:
@@ -143,7 +162,7 @@ def goal_place(task: Task, goal: Sequence[float]) -> list[float]:
     Raises:
         UsageError: it has the wrong number of coordinates.
     """
-    wanted = 3 if isinstance(task, ReachTask) else 2
+    wanted = len(task.goals[0])  # every goal of a recipe is typed as long
     if len(goal) != wanted:
         raise UsageError(
             f"a goal of the {task.name} task has {wanted} numbers, got {len(goal)}",
@@ -151,7 +170,11 @@ def goal_place(task: Task, goal: Sequence[float]) -> list[float]:
         )
     if isinstance(task, PushTask):
         return [task.box_start[0] + goal[0], task.box_start[1] + goal[1], 0.0]
-    return [*goal, 0.0][:3]
+    if isinstance(task, ReachTask):
+        return [*goal]
+    if isinstance(task, PointTask):
+        return [*goal, 0.0]
+    assert_never(task)
 
 
 _EXAMPLES = {"point": "1.0,2.0", "reach": "0.6,0.0,0.2", "push": "0.1,-0.1"}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,6 +23,7 @@ class RecordedEnvironment(Protocol):
     tolerance: float
     target: Array
     applied: Array
+    unstable: Array
 
     def observe(self) -> Array:
         """Observations (N, o)."""
@@ -30,7 +32,10 @@ class RecordedEnvironment(Protocol):
         """One control step: observation, reward, terminated, truncated."""
 
     def snapshot(self) -> dict[str, Array]:
-        """What a recording keeps of the present moment, and among it the point that is judged."""
+        """What a recording keeps of the present moment."""
+
+    def judged(self) -> Array:
+        """Where the judged point of each simulation is, (N, 3) m."""
 
     def violations(self) -> Array:
         """Which limits of `SAFETY_LIMITS` the present state breaks, (N, K) bool; K is 0 where there are none."""
@@ -68,9 +73,9 @@ def conduct(env: RecordedEnvironment, act: Act, feed: Feed, steps: int) -> tuple
         steps: at most.
     """
     num = env.num
-    moments, actions, rewards, fed = [env.snapshot()], [], [], []
+    moments, actions, rewards, fed = [_moment(env)], [], [], []
     observations = [env.observe()]
-    length, failed = np.zeros(num, dtype=int), np.zeros(num, dtype=bool)
+    length, failed, unstable = np.zeros(num, dtype=int), np.zeros(num, dtype=bool), np.zeros(num, dtype=bool)
     broken = np.zeros_like(env.violations(), dtype=np.int32)
     for t in range(steps):
         given = feed(t, failed)
@@ -87,7 +92,8 @@ def conduct(env: RecordedEnvironment, act: Act, feed: Feed, steps: int) -> tuple
         length[running] = t + 1
         broken += env.violations() & running[:, None]
         failed |= failing
-        moments.append(_frozen(env.snapshot(), moments[-1], ~running | failing))
+        unstable |= failing & env.unstable
+        moments.append(_frozen(_moment(env), moments[-1], ~running | failing))
     state = {name: np.stack([moment[name] for moment in moments], axis=1) for name in moments[0]}
     recording = Trajectories(
         time=np.arange(len(moments)) * env.control_period,
@@ -98,11 +104,18 @@ def conduct(env: RecordedEnvironment, act: Act, feed: Feed, steps: int) -> tuple
         target=env.target.copy(),
         success=~failed,
         length=length,
+        unstable=unstable if unstable.any() else None,
         violations=broken if broken.shape[1] else None,
         **{name: values.astype(np.float32) for name, values in state.items()},
     )
+    if np.array_equal(recording.usually_judged, recording.judged):
+        recording = replace(recording, judged_position=None)
     near = metrics.final_distance(recording) <= env.tolerance
     return recording.judged_by(recording.success & near), np.stack(observations, axis=1)
+
+
+def _moment(env: RecordedEnvironment) -> dict[str, Array]:
+    return {**env.snapshot(), "judged_position": env.judged()}
 
 
 def _frozen(moment: dict[str, Array], before: dict[str, Array], over: Array) -> dict[str, Array]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,8 @@ from skillcli.stages.trial import NOMINAL, Target, Trial
 from skillcli.store import Artifact, ArtifactId, Draft, Store
 from skillcli.trajectories import Trajectories
 
+DRAWN = "each episode by itself, what repeats once"  # how robots are drawn: what was drawn otherwise is not used again
+
 
 def inputs_of(
     source: Artifact,
@@ -37,7 +40,7 @@ def inputs_of(
     """Fingerprint of everything that the result depends on."""
     tables = [[domain.name, str(sorted(domain.parameters.items()))] for domain in find_domains(domains)]
     replanned = recipe.fingerprint(["transfer", "compose", *REPLANS]) if recipe.transfer.replan else ""
-    parts: list[Any] = [source.content_sha256, tables, episodes, seed, replanned]
+    parts: list[Any] = [source.content_sha256, tables, episodes, seed, replanned, DRAWN]
     if robot is not None:
         parts.append({"robot": robot.fingerprint})
     if sensitivity:
@@ -60,12 +63,14 @@ def transfer_eval(
 ) -> Artifact:
     """Run closed loop on target domains, with parameters drawn anew per episode, and write a transfer-eval artifact.
 
+    A domain in which every episode would be the same is played once for each route or skill.
+
     Args:
         store: where from and to.
         source_id: a compose artifact, or embed-means or pretrain to judge the bare skills.
         recipe: whether and how to plan again on the way.
         domains: presets by name, or files.
-        episodes: per domain.
+        episodes: per domain that draws anything; the first of more are the same.
         seed: of the drawn parameters; the same episodes for every composition.
         command: as typed, for the record.
         name: first part of the new id; by default that of the source.
@@ -78,7 +83,7 @@ def transfer_eval(
             robot does not fit the task, or the source holds no plan that could be made again.
         StoreError: the source cannot be read, or the store refuses.
     """
-    targets = [Target.drawn(domain, episodes, seed) for domain in find_domains(domains)]
+    drawn = [Target.drawn(domain, episodes, seed) for domain in find_domains(domains)]
     store.check_writable(name or source_id.name)
     source = store.read(source_id)
     library = open_library(store, source)
@@ -88,19 +93,20 @@ def transfer_eval(
     trial.check()
     # nothing goes on by chance in the source: one episode of each route or skill says it all
     reference = Trial(library, seed).run(once, NOMINAL)
-    script, rate = once.in_turn(episodes), float(reference.success.mean())
+    rate, rounds = float(reference.success.mean()), _Rounds(trial, once, report)
+    targets = [target.first(rounds.count(target)) for target in drawn]
+    alone = {target.name: one_at_a_time(target) if sensitivity else {} for target in targets}
+    rounds.expect([*targets, *(one for each in alone.values() for one in each.values())])
     recordings: list[Trajectories] = []
     errors, reports = [], []
-    for done, target in enumerate(targets):
-        recordings.append(trial.run(script, target, _within(report, target.name, done, len(targets))))
-        errors.append(trial.replay(reference, target, episodes))
-        reports.append(domain_report(target, recordings[-1], errors[-1], rate, done * episodes))
+    for target in targets:
+        first = sum(recording.episodes for recording in recordings)
+        recordings.append(rounds.play(target, target.name))
+        errors.append(trial.replay(reference, target, target.episodes))
+        reports.append(domain_report(target, recordings[-1], errors[-1], rate, first))
         if sensitivity:
-            alone = {
-                parameter: trial.run(script, one, _within(report, f"{target.name}, {parameter} alone", done, len(targets)))
-                for parameter, one in one_at_a_time(target).items()
-            }
-            reports[-1]["sensitivity"] = most_harmful_first(alone)
+            rows = {name: (one, rounds.play(one, f"{target.name}, {name} alone")) for name, one in alone[target.name].items()}
+            reports[-1]["sensitivity"] = most_harmful_first(rows)
     together = Trajectories.join(recordings)
     return store.write(
         Draft(
@@ -111,7 +117,7 @@ def transfer_eval(
             recipe=recipe.model_dump(mode="json"),
             arrays={
                 **{f"domains/{target.name}/{each}": values for target in targets for each, values in target.parameters.items()},
-                "episodes/domain": np.repeat(np.arange(len(targets)), episodes),
+                "episodes/domain": np.repeat(np.arange(len(targets)), [target.episodes for target in targets]),
                 "episodes/final_distance": metrics.final_distance(together),
                 "episodes/replay_error": np.concatenate(errors),
                 "episodes/return": together.reward.sum(axis=1),
@@ -140,9 +146,40 @@ def _replanner(library: Library, recipe: Recipe, source: Artifact, seed: int) ->
     return Replanner(leg, source.results["method"])
 
 
-def _within(report: Report, what: str, done: int, total: int) -> Callable[[int, int], None]:
-    """Says what is being played now, and lets episodes that take long be told."""
-    report(Progress("transfer-eval", done, total, "domains", note=what))
-    return lambda episode, episodes: report(
-        Progress("transfer-eval", done, total, "domains", note=f"{what}, episode {episode} of {episodes}")
-    )
+@dataclass
+class _Rounds:
+    """Episodes on one target after the other, counted over all of them."""
+
+    trial: Trial
+    once: Script  # one episode of each route or skill
+    report: Report
+    total: int = 0
+    done: int = 0
+    success: dict[str, float] = field(default_factory=dict)  # by target, so far
+
+    def count(self, target: Target) -> int:
+        """How many of a target's episodes are worth playing: what repeats is played once."""
+        return min(target.episodes, self.once.episodes) if target.repeats else target.episodes
+
+    def expect(self, targets: Sequence[Target]) -> None:
+        """Say what will be played."""
+        self.total = sum(self.count(target) for target in targets)
+
+    def play(self, target: Target, what: str) -> Trajectories:
+        """All episodes of a target."""
+        before, count = self.done, self.count(target)
+
+        def told(episode: int, _: int) -> None:
+            self.done = before + episode
+            self._tell(f"{what}, episode {episode + 1} of {count}")
+
+        self._tell(what)
+        recording = self.trial.run(self.once.in_turn(count), target.first(count), told)
+        self.done = before + count
+        if what == target.name:
+            self.success[what] = float(recording.success.mean())
+        self._tell(what)
+        return recording
+
+    def _tell(self, note: str) -> None:
+        self.report(Progress("transfer-eval", self.done, self.total, "episodes", success=dict(self.success), note=note))

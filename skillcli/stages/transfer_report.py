@@ -37,7 +37,7 @@ def domain_report(
         source_rate: success in the source, known exactly: nothing goes on by chance there.
         first: number of its first episode in the artifact.
     """
-    found = outcome(recording)
+    found = outcome(recording, target.repeats)
     rate, (low, high) = found["success_rate"], found["ci95"]
     return {
         "name": target.name,
@@ -47,22 +47,33 @@ def domain_report(
         "gap_ci95": list(metrics.difference_interval(source_rate, (source_rate, source_rate), rate, (low, high))),
         "successes_within_limits": int((recording.success & recording.within_limits).sum()),
         "violations": broken(recording),
-        "replay_error_m": metrics.distance_summary(replay_error),
+        "replay_error_m": _summary(replay_error[recording.stable]),
         "worst": worst(target, recording, first),
         "parameters": {name: PARAMETERS[name].meaning for name in target.parameters},
     }
 
 
-def outcome(recording: Trajectories) -> dict[str, Any]:
-    """Success with Wilson's interval, and where the episodes end."""
+def outcome(recording: Trajectories, repeats: bool) -> dict[str, Any]:
+    """Success with Wilson's interval, and where the episodes end that did not come apart.
+
+    Where every episode would be the same nothing is left to chance: the rate is known exactly, its interval has no width.
+    """
     successes, episodes = int(recording.success.sum()), recording.episodes
+    rate = successes / episodes
     return {
         "episodes": episodes,
         "successes": successes,
-        "success_rate": successes / episodes,
-        "ci95": list(metrics.wilson_interval(successes, episodes)),
-        "final_distance_m": metrics.distance_summary(metrics.final_distance(recording)),
+        "success_rate": rate,
+        "ci95": [rate, rate] if repeats else list(metrics.wilson_interval(successes, episodes)),
+        "deterministic": repeats,
+        "unstable": int((~recording.stable).sum()),
+        "final_distance_m": _summary(metrics.final_distance(recording)[recording.stable]),
     }
+
+
+def _summary(distance: Array) -> dict[str, float | None]:
+    """Like `metrics.distance_summary`, of nothing where there is none."""
+    return dict(metrics.distance_summary(distance)) if len(distance) else dict.fromkeys(metrics.distance_summary(np.zeros(1)))
 
 
 def broken(recording: Trajectories) -> dict[str, int]:
@@ -71,17 +82,17 @@ def broken(recording: Trajectories) -> dict[str, int]:
 
 
 def worst(target: Target, recording: Trajectories, first: int) -> list[dict[str, Any]]:
-    """The episodes that end farthest from their target, farthest first, with the single numbers drawn for them."""
+    """Episodes that came apart, then those that end farthest from their target, with the single numbers drawn for them."""
     distance = metrics.final_distance(recording)
     single = {name: values for name, values in target.parameters.items() if values.ndim == 1}
     return [
         {
             "episode": first + int(episode),
-            "final_distance_m": float(distance[episode]),
+            "final_distance_m": float(distance[episode]) if recording.stable[episode] else None,
             "success": bool(recording.success[episode]),
             "parameters": {name: float(values[episode]) for name, values in single.items()},
         }
-        for episode in np.argsort(-distance, kind="stable")[:WORST]
+        for episode in np.argsort(-np.where(recording.stable, distance, np.inf), kind="stable")[:WORST]
     ]
 
 
@@ -94,7 +105,11 @@ def one_at_a_time(target: Target) -> dict[str, Target]:
     return found
 
 
-def most_harmful_first(alone: dict[str, Trajectories]) -> list[dict[str, Any]]:
-    """Outcomes with one parameter alone, by its name: fewest successes first, then the larger median distance."""
-    rows = [{"parameter": name, **outcome(recording)} for name, recording in alone.items()]
-    return sorted(rows, key=lambda row: (row["successes"], -row["final_distance_m"]["median"]))
+def most_harmful_first(alone: dict[str, tuple[Target, Trajectories]]) -> list[dict[str, Any]]:
+    """Outcomes with one parameter alone, by its name: lowest success first, then the larger median distance."""
+    rows = [{"parameter": name, **outcome(recording, target.repeats)} for name, (target, recording) in alone.items()]
+    return sorted(rows, key=lambda row: (row["success_rate"], -_far(row["final_distance_m"]["median"])))
+
+
+def _far(median: float | None) -> float:
+    return float("inf") if median is None else median

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from skillcli.envs.environment import Environment
 from skillcli.envs.robot import Robot
 from skillcli.envs.tasks import MAX_SIMULATIONS, begin, make, stand
 from skillcli.learning.playback import play, play_waypoints
-from skillcli.perturbation import sample
+from skillcli.perturbation import Range, repeats, sample_each
 from skillcli.recipe import PointTask
 from skillcli.seeding import generator
 from skillcli.stages.library import Library
@@ -27,15 +27,30 @@ class Target:
 
     name: str
     parameters: dict[str, Array]  # (E,) or (E, n) by name, see `skillcli.perturbation`
+    ranges: Mapping[str, Range] = field(default_factory=dict)  # that they were drawn from
+    episodes: int = 1  # E
 
     @staticmethod
     def drawn(domain: Domain, episodes: int, seed: int) -> Target:
-        """Hangs on domain, number of episodes and seed only: whatever is judged meets the same robots."""
-        return Target(domain.name, sample(domain.parameters, episodes, generator(seed, f"domain {domain.name}")))
+        """Hangs on domain and seed only: whatever is judged meets the same robots, and more episodes the same ones first."""
+        rngs = [generator(seed, f"domain {domain.name} {episode}") for episode in range(episodes)]
+        return Target(domain.name, sample_each(domain.parameters, rngs), domain.parameters, episodes)
+
+    @property
+    def repeats(self) -> bool:
+        """Whether all episodes are the same."""
+        return self.parameters.keys() <= self.ranges.keys() and repeats(self.ranges)
+
+    def first(self, episodes: int) -> Target:
+        """The first of its robots."""
+        kept = {name: values[:episodes] for name, values in self.parameters.items()}
+        return replace(self, parameters=kept, episodes=episodes)
 
     def only(self, names: Iterable[str]) -> Target:
         """The same robots, with everything but these parameters nominal."""
-        return Target(self.name, {name: self.parameters[name] for name in names})
+        kept = list(names)
+        ranges = {name: self.ranges[name] for name in kept if name in self.ranges}
+        return replace(self, parameters={name: self.parameters[name] for name in kept}, ranges=ranges)
 
 
 NOMINAL = Target("nominal", {})
@@ -95,11 +110,12 @@ class Trial:
     def _side_by_side(
         self, episodes: int, target: Target, play_part: Callable[[Environment, slice], Trajectories]
     ) -> Trajectories:
-        sensors, recordings = generator(self.seed, f"sensors {target.name}"), []
+        recordings = []
         for first in range(0, episodes, MAX_SIMULATIONS):
             part = slice(first, min(first + MAX_SIMULATIONS, episodes))
             parameters = {name: values[part] for name, values in target.parameters.items()}
             skill = np.zeros(part.stop - first, dtype=np.int64)
+            sensors = [generator(self.seed, f"sensors {target.name} {episode}") for episode in range(first, part.stop)]
             recordings.append(play_part(stand(self.library.recipe.task, skill, parameters, sensors, robot=self.robot), part))
         return Trajectories.join(recordings)
 

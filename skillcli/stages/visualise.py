@@ -24,7 +24,7 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
     recording = Trajectories(**artifact.group("trajectories"))
     task = library.recipe.task
     waypoints, waypoint_route, routes = _waypoints(store, artifact)
-    each = len(recording.length) // max(1, len(artifact.results.get("domains", [])))
+    turn = _turn(artifact, recording.episodes)
     source = _source(store, artifact, len(library.names))
     return Scene(
         title=str(artifact.id),
@@ -37,7 +37,7 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
         goals=library.goals,
         waypoints=waypoints,
         waypoint_route=waypoint_route,
-        episode_route=np.arange(recording.episodes) % each % routes,
+        episode_route=turn % routes,
         tolerance=task.tolerance,
         means=library.mean,
         stds=library.std,
@@ -45,10 +45,18 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
         episode_labels=_labels(artifact, library.names, recording),
         intervals={domain["name"]: (domain["success_rate"], *domain["ci95"]) for domain in artifact.results.get("domains", [])},
         source=source,
-        episode_source=np.arange(recording.episodes) % each % (source.episodes if source else 1),
+        episode_source=turn % (source.episodes if source else 1),
         other_robot=(artifact.results.get("robot") or {}).get("file", ""),
         drawn=_drawn(artifact, recording.episodes),
     )
+
+
+def _turn(artifact: Artifact, episodes: int) -> Array:
+    """Which episode of its domain, or of the whole recording where there are none, each one is, (E,) from 0."""
+    if artifact.kind != "transfer-eval":
+        return np.arange(episodes)
+    counts = np.bincount(artifact.arrays["episodes/domain"], minlength=len(artifact.results["domains"]))
+    return np.concatenate([np.arange(count) for count in counts])
 
 
 def record(store: Store, artifact_id: ArtifactId, path: Path) -> list[str]:
@@ -100,9 +108,8 @@ def _drawn(artifact: Artifact, episodes: int) -> dict[str, Array]:
 def _labels(artifact: Artifact, skills: tuple[str, ...], recording: Trajectories) -> tuple[str, ...]:
     if artifact.kind == "transfer-eval":
         names = [domain["name"] for domain in artifact.results["domains"]]
-        index = artifact.arrays["episodes/domain"]
-        each = len(index) // len(names)
-        return tuple(f"{names[d]} {e % each}" for e, d in enumerate(index))
+        index, turn = artifact.arrays["episodes/domain"], _turn(artifact, recording.episodes)
+        return tuple(f"{names[domain]} {episode}" for domain, episode in zip(index, turn, strict=True))
     if artifact.kind == "compose":
         found = artifact.results
         routes = [f" {route + 1}" for route in range(found["routes"])] if found["routes"] > 1 else [""]

@@ -54,6 +54,8 @@ TRAJECTORIES = {
     "trajectories/success": Field("episode"),
     "trajectories/length": Field("episode", "step"),
     "trajectories/violations": Field("episode,limit", "step", required=False),
+    "trajectories/unstable": Field("episode", required=False),
+    "trajectories/judged_position": Field("episode,step+1,xyz", "m", required=False),
     **POSITIONS,
 }
 EMBEDDING = {

@@ -14,8 +14,8 @@ from skillcli.viz.scene import Scene
 
 def entitle(axes: Axes, scene: Scene, name: str, episodes: list[int]) -> None:
     """Name a domain's map, with what was counted in it."""
-    won = int(scene.trajectories.success[episodes].sum())
-    axes.set_title(f"{name}: {won} of {len(episodes)} succeed")
+    won, broken = int(scene.trajectories.success[episodes].sum()), int((~scene.trajectories.stable[episodes]).sum())
+    axes.set_title(f"{name}: {won} of {len(episodes)} succeed" + (f", {broken} unstable" if broken else ""))
 
 
 def _rows(axes: Axes, scene: Scene) -> dict[str, list[int]]:
@@ -35,19 +35,23 @@ def success(axes: Axes, scene: Scene) -> None:
         if name not in scene.intervals:
             continue
         (rate, low, high), style = scene.intervals[name], look(row)
-        axes.plot([low, high], [row, row], color=style.color, lw=2.2, solid_capstyle="butt")
-        axes.plot([low, high], [row, row], color=style.color, ls="none", marker="|", ms=9, mew=1.2)
+        if high > low:  # else nothing was left to chance: the rate is exact
+            axes.plot([low, high], [row, row], color=style.color, lw=2.2, solid_capstyle="butt")
+            axes.plot([low, high], [row, row], color=style.color, ls="none", marker="|", ms=9, mew=1.2)
         axes.plot(rate, row, color=style.color, marker=style.marker, ms=7, mec="white", mew=0.8)
-        axes.annotate(f"{100 * rate:.0f} %", (rate, row), xytext=(0, 8), textcoords="offset points", ha="center")
+        told = f"{100 * rate:.0f} %" if high > low else f"{100 * rate:.0f} %, exact"
+        axes.annotate(told, (rate, row), xytext=(0, 8), textcoords="offset points", ha="center")
     axes.set(xlim=(-0.03, 1.03), xlabel="success rate", title="success (bar: 95 % Wilson interval)")
 
 
 def final_distances(axes: Axes, scene: Scene) -> None:
-    """Final distance of every episode, its quartiles as a box and its median as a line."""
+    """Final distance of every episode that did not come apart, its quartiles as a box and its median as a line."""
     scale, name = unit(scene)
     gaps = scale * final_distance(scene.trajectories)
     for row, episodes in enumerate(_rows(axes, scene).values()):
-        values, style = np.sort(gaps[episodes]), look(row)
+        values, style = np.sort(gaps[episodes][scene.trajectories.stable[episodes]]), look(row)
+        if not len(values):
+            continue
         # a fixed low-discrepancy spread, so that the same data gives the same picture
         spread = 0.5 * ((np.arange(len(values)) * 0.618034) % 1 - 0.5)
         axes.plot(values, row + spread, color=style.color, marker=style.marker, ls="none", ms=3.5, alpha=0.55, mew=0)

@@ -66,6 +66,17 @@ def test_a_pipe_gets_a_plain_line_now_and_then(monkeypatch: pytest.MonkeyPatch) 
     assert lines[0] == "pretrain 10/60 iterations · 0:50 left · 1,000 steps/s · 90% of raw physics · success 50% · note"
 
 
+def test_the_time_left_does_not_rise_while_a_unit_of_work_takes_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 0.0
+    monkeypatch.setattr(watching.time, "monotonic", lambda: now)
+    clock, left = watching.Clock(), []
+    for now in range(0, 95, 5):  # ten seconds for each of ten episodes, but forty for the third
+        done = min(now // 10, 2) if now < 60 else 3 + (now - 60) // 10
+        left.append(clock.left(Progress("transfer-eval", int(done), 10, "episodes")))
+    assert left[:4] == ["?", "?", "1:30", "1:25"] and left[4:12] == ["1:20", "1:15", *["1:10"] * 6]
+    assert left[12:14] == ["2:20", "2:15"], "then what it took counts"
+
+
 @pytest.mark.parametrize("quiet", [False, True])
 def test_a_pipe_gets_no_control_characters_and_nothing_when_quiet(
     quiet: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -32,6 +32,11 @@ def test_where_a_path_begins_has_been_looked_at_before() -> None:
     assert walk.due.tolist() == [[0]] and walk.cost.tolist() == [3]
 
 
+def test_two_landmarks_without_a_box_are_no_box_and_gripper() -> None:
+    points = np.array([[[0.0, 0, 0], [5.0, 5, 5]]])
+    assert Route(np.array([[1.0, 0, 0]]), tolerance=0.1).left(np.zeros(1, dtype=int), points).tolist() == [1]
+
+
 def test_beside_a_box_the_gripper_is_led_behind_it() -> None:
     push = Route(np.array([[1.0, 0, 0]]), tolerance=0.1, half_edges=(0.035, 0.035), approach=0.5)
     box = [0.0, 0, 0]

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from skillcli.envs.environment import Environment, Step
-from skillcli.envs.tasks import DESCRIPTIONS, Task, make
-from skillcli.recipe import PointTask, PushTask, ReachTask
+from skillcli.envs.tasks import DESCRIPTIONS, Task, goal_place, make, model_of
+from skillcli.perturbation import PARAMETERS
+from skillcli.recipe import ArmTask, PointTask, PushTask, ReachTask
 from skillcli.trajectories import Array
 
 TASKS: dict[str, Task] = {
@@ -225,6 +226,64 @@ def test_a_sighting_leads_another_simulation_the_same_way(task: Task) -> None:
     assert (moved < 0.02).all(), "what moves is seen to move, within what two angles tell about a speed"
 
 
+ANOTHER = {
+    "gain": 1.5, "position_noise": 0.1, "joint_noise": 0.05, "start_offset": 0.1, "latency": 0.05, "object_size": 1.2,
+    "control_jitter": 0.05, "joint_drift": 0.05, "drift_time": 1.0, "push_rate": 20.0, "arm_push": 5.0,
+}  # fmt: skip
+
+
+def another(num: int) -> dict[str, Array]:
+    sizes = {name: PARAMETERS[name].size for name in ANOTHER}
+    return {name: np.full(num if sizes[name] == 1 else (num, sizes[name]), value) for name, value in ANOTHER.items()}
+
+
+def test_a_robot_that_becomes_nominal_again_does_as_one_that_always_was(task: Task) -> None:
+    env, plain = make(task, 3, 1, delay=True), make(task, 3, 1, delay=True)
+    actions = random_actions(env, STEPS)
+    for names in (ANOTHER, ["gain"], ["position_noise"]):
+        env.perturb({name: values for name, values in another(3).items() if name in names}, np.random.default_rng(0))
+        env.reset(np.arange(3), np.zeros(3, dtype=np.int64))
+        drive(env, actions)
+        env.perturb({}, np.random.default_rng(0))
+        for each in (env, plain):
+            each.reset(np.arange(3), np.zeros(3, dtype=np.int64))
+        np.testing.assert_array_equal(motion(drive(env, actions)), motion(drive(plain, actions)))
+
+
+def test_chance_of_each_hangs_neither_on_how_many_there_are_nor_on_what_differs_there(task: Task) -> None:
+    actions = random_actions(fresh(task, 4), STEPS)
+
+    def seen(num: int, **first: float) -> Array:
+        env, parameters = make(task, num, 1, delay=True), another(num)
+        for name, value in first.items():
+            parameters[name][0] = value
+        env.perturb(parameters, [np.random.default_rng(simulation) for simulation in range(num)])
+        env.reset(np.arange(num), np.zeros(num, dtype=np.int64))
+        return motion(drive(env, actions[:, :num]))
+
+    four = seen(4)
+    np.testing.assert_array_equal(seen(2), four[:, :2])
+    np.testing.assert_array_equal(
+        seen(4, joint_noise=0.0, joint_drift=0.0, push_rate=0.0, control_jitter=0.0)[:, 1:], four[:, 1:]
+    )
+    assert (np.ptp(four - four[:, :1], axis=0).max(axis=1)[1:] > 1e-3).all(), "and it differs from one to the other"
+
+
+def test_actions_as_commanded_lead_the_same_way_again(task: Task) -> None:
+    """What is stored is what was commanded: sent again, leash and joint range cut it where they did the first time."""
+    env, again = fresh(task, 2), fresh(task, 2)
+    limit = task.step_limit if isinstance(task, PointTask) else task.action_limit
+    action = np.zeros((2, env.action_size))
+    action[:, -1] = 50.0  # the last joint, or y, to its end
+    path, applied = [], []
+    for _ in range(60):
+        path.append(env.step(action).observation)
+        applied.append(env.applied)
+    assert np.ptp(np.stack(path)[-5:, :, 6 if env.action_size == 7 else 1]) < 1e-3, "it is at its end"
+    np.testing.assert_allclose(applied[-1][:, -1], limit, err_msg="before the end cuts it")
+    np.testing.assert_allclose([again.step(one / limit).observation for one in applied], path, atol=1e-6)
+
+
 def test_commands_under_way_are_part_of_a_sighting() -> None:
     late = {"latency": np.array([0.1])}
     env, other = make(ReachTask(), 1, delay=True), make(ReachTask(), 1, delay=True)
@@ -250,3 +309,14 @@ def test_the_lead_of_the_command_is_seen_where_the_task_says_so() -> None:
     lead = 0.5 * 0.04 - (step.observation[:, :7] - before[:, :7])
     np.testing.assert_allclose(step.observation[:, 10:], lead, atol=1e-6)
     assert (lead[:, :4] > 0.005).all(), "servos lag"
+
+
+def test_a_task_that_was_forgotten_in_a_table_is_no_other_task() -> None:
+    class Plain(ArmTask):
+        name: str = "plain"
+        goals: tuple[tuple[float, float], ...] = ((0.5, 0.0),)
+        names: tuple[str, ...] = ()
+
+    for use in (lambda: make(Plain(), 1), lambda: model_of(Plain()), lambda: goal_place(Plain(), (0.5, 0.0))):  # type: ignore[arg-type]
+        with pytest.raises(AssertionError, match="unreachable"):
+            use()

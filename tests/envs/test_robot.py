@@ -12,6 +12,7 @@ import pytest
 from skillcli.envs import sawyer
 from skillcli.envs.arm_environment import ArmEnvironment
 from skillcli.envs.domains import find_domain
+from skillcli.envs.effort import MAX_BYTES
 from skillcli.envs.robot import Robot, load_robot, posture
 from skillcli.envs.tasks import make
 from skillcli.errors import UsageError
@@ -121,7 +122,7 @@ def test_joints_that_are_held_stay_and_others_are_locked() -> None:
     servo, meshes = (load_robot(ROBOTS / f"{name}.toml") for name in ("servo", "meshes"))
     assert servo.model.nu == 8 and servo.model.njnt == 9 and not servo.notes
     assert meshes.model.nu == 7 and meshes.model.njnt == 7
-    missing, locked = meshes.notes
+    missing, locked, _ = meshes.notes
     assert "8 mesh files are missing: 11 geoms left out, 3 of them could touch" in missing and "head_pan" in locked
     env = env_on(servo)
     pads = env.arms.batch.bind("qpos")[:, -2:]
@@ -310,8 +311,8 @@ REFUSED = [
     (TORQUE, "hello", "model: torque.xml cannot be read as MJCF", "XML"),
     (TORQUE, "<mujoco/>", "no joint 'base_yaw'", "none"),
     (TORQUE.replace('"elbow"', '"elbo"'), MODEL, "joints: no joint 'elbo'", "base_yaw, shoulder, upper_roll, elbow"),
-    (TORQUE.replace('"elbow", ', ""), MODEL, "joints must name seven.*got 6", "robots.md"),
-    (TORQUE.replace('"elbow"', '"wrist"'), MODEL, "joints names 'wrist' more than once", "robots.md"),
+    (TORQUE.replace('"elbow", ', ""), MODEL, "joints: must name seven.*got 6", "robots.md"),
+    (TORQUE.replace('"elbow"', '"wrist"'), MODEL, "joints: names 'wrist' more than once", "robots.md"),
     (
         TORQUE.replace('"elbow", "fore_roll"', '"fore_roll", "elbow"'),
         MODEL,
@@ -349,14 +350,38 @@ REFUSED = [
     ('finger = ["thumb"]\n' + TORQUE, MODEL, "neither a geom nor a body 'thumb'", "geoms there"),
     ('actuators = ["a", "b", "c", "d", "e", "f", "g"]\n' + TORQUE, MODEL, "no actuator 'a'", "base_yaw_torque"),
     ('finger = ["turret"]\n' + TORQUE, MODEL, "finger: 'turret' does not move with 'hand_roll'", "last joint"),
-    ("finger = [1]\n" + TORQUE, MODEL, "finger: expected a name in quotes, entry 1 is 1", "robots.md"),
-    (TORQUE.replace("kp = [900", "kp = [inf"), MODEL, "gains.kp: expected a finite number, entry 1 is inf", "robots.md"),
-    ('gravity_compensation = "no"\n' + TORQUE, MODEL, "gravity_compensation: .* boolean, got 'no'", "robots.md"),
-    ("timestep = 1e-6\n" + TORQUE, MODEL, "timestep: .* greater than or equal to 0.0001", "robots.md"),
-    (TORQUE, MODEL.replace('"0.002"', '"0.00002"'), "timestep: the model's own, 2e-05 s, .* 50000 steps", "0.002"),
-    ("timestep = 0.1\n" + TORQUE, MODEL, "timestep: .* less than or equal to 0.02", "robots.md"),
+    ("finger = [1]\n" + TORQUE, MODEL, "finger, entry 1: expected text in quotes, got 1", "robots.md"),
+    (TORQUE.replace("kp = [900", "kp = [inf"), MODEL, "gains.kp, entry 1: expected a finite number, got inf", "robots.md"),
+    ('gravity_compensation = "no"\n' + TORQUE, MODEL, "gravity_compensation: expected true or false, got 'no'", "robots.md"),
+    ("timestep = 1e-6\n" + TORQUE, MODEL, "timestep: expected at least 0.0001, got 1e-06", "robots.md"),
+    (TORQUE, MODEL.replace('"0.002"', '"0.00002"'), "timestep: the model's own is 2e-05 s, from 0.0001 to 0.02 s", "0.002"),
+    ("timestep = 0.1\n" + TORQUE, MODEL, "timestep: expected at most 0.02, got 0.1", "robots.md"),
     ("joints =", MODEL, "cannot be read", "TOML"),
-]
+    (TORQUE.replace("torque.xml", "x" * 5000), MODEL, "model: no file", "relative to the robot file"),
+    ("speed_limit = [1, 1, 1, 0, 1, 1, 1]\n" + TORQUE, MODEL, "speed_limit: every speed must be positive", "robots.md"),
+    (TORQUE + "\n[base]\npos = [1e300, 0, 0]", MODEL, "base: pos must lie within 10 m", "robots.md"),
+    *((TORQUE, MODEL.replace(old, new), said, "mend") for old, new, said in (
+        ('armature="0.6"', 'armature="nan"', "not finite, or absurd, in dof_armature"),
+        ('armature="0.6"', 'armature="-5"', "a negative armature of a joint"),
+        ('"-3.0439 3.0439"', '"nan 3"', "not finite, or absurd, in jnt_range"),
+        ('timestep="0.002"', 'timestep="nan"', "not finite, or absurd, in timestep"),
+        ('timestep="0.002"', 'gravity="0 0 1e30"', "not finite, or absurd, in gravity"),
+    )),
+    *(
+        (TORQUE, MODEL.replace('"0.002"', f'"{own}"'), f"timestep: the model's own is {own} s", "0.002")
+        for own in ("0", "-1", "1")
+    ),
+    *((TORQUE, MODEL.replace("<worldbody>", f"{bomb}<worldbody>", 1), "makes .* of what it holds", "at most") for bomb in (
+        '<asset><hfield name="h" nrow="20000" ncol="20000" size="1 1 1 1"/></asset>',
+        '<worldbody><replicate count="300"><replicate count="300"><geom size="1"/></replicate></replicate></worldbody>',
+        '<worldbody><flexcomp name="f" type="grid" count="400 400 400" radius="1"/></worldbody>',
+    )),
+    (TORQUE, MODEL.replace("<worldbody>", '<include file="torque.xml"/><worldbody>', 1), "already included", "XML"),
+    (TORQUE, MODEL.replace("<worldbody>", '<include file="robot.toml"/><worldbody>', 1), "cannot be read as MJCF", "XML"),
+    (TORQUE, MODEL.replace("<worldbody>", '<include file="none.xml"/><worldbody>', 1), "opening file 'none.xml'", "XML"),
+    (TORQUE, '<robot name="x"><link name="a"/></robot>', "no joint 'base_yaw'", "none"),
+    (WITHOUT_GAINS, driven_by('<position joint=J kp="500" kv="50" delay="1e9" nsample="3"/>'), "1e.09 s late", "mend"),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("text", "model", "said", "hinted"), REFUSED)
@@ -384,6 +409,97 @@ def test_what_does_not_fit_the_task_is_refused_when_it_is_made(text: str, model:
     with pytest.raises(UsageError, match=said) as caught:
         make(PUSH, 1, robot=robot)
     assert caught.value.hint and "robot.toml" in caught.value.message
+
+
+def test_a_huge_file_is_not_read(tmp_path: Path) -> None:
+    path = described(tmp_path, TORQUE, MODEL + "\n<!--" + "x" * MAX_BYTES + "-->")
+    with pytest.raises(UsageError, match=r"torque\.xml has 32 MiB"):
+        load_robot(path)
+
+
+def test_a_servo_that_cannot_be_told_to_stay_at_the_start_is_refused(tmp_path: Path) -> None:
+    """The elbow starts at 1.65 rad; what a servo cannot be told is not commanded either."""
+    servos = driven_by('<position joint=J kp="500" kv="50" ctrlrange="-4 4"/>')
+    elbow = re.compile('("elbow"[^>]*ctrlrange=)"-4 4"')
+    robot = load_robot(described(tmp_path, WITHOUT_GAINS, elbow.sub(r'\1"0 1"', servos)))
+    with pytest.raises(UsageError, match=r"joint .elbow. starts at 1.65.* rad, and its servo takes 0 .. 1 rad") as caught:
+        make(REACH, 1, robot=robot)
+    assert "ctrlrange" in caught.value.hint and "robot.toml" in caught.value.message
+    env = env_on(load_robot(described(tmp_path, WITHOUT_GAINS, elbow.sub(r'\1"1 1.7"', servos))))
+    for _ in range(20):
+        env.step(np.ones((2, 7)))
+    assert env.arms.commanded[:, 3].max() <= 1.7
+
+
+def test_an_arm_that_hangs_is_noted_with_how_far_and_what_to_do(tmp_path: Path) -> None:
+    sagging = "gravity_compensation = false\n" + TORQUE
+    (note,) = load_robot(described(tmp_path, sagging)).notes
+    found = re.fullmatch(r"at rest the arm hangs (.*) cm off where it is told to be, 'shoulder' by (.*)°: (.*)", note)
+    assert found and "`gravity_compensation = true`" in found[3]
+    env = env_on(load_robot(described(tmp_path, sagging)), num=1)
+    start = env.judged()[0]
+    for _ in range(60):
+        env.step(np.zeros((1, 7)))
+    assert float(found[1]) == pytest.approx(100 * np.linalg.norm(env.judged()[0] - start), abs=0.06)
+    assert float(found[2]) == pytest.approx(np.degrees(abs(env.arms.joint_position - REACH.start)).max(), abs=0.06)
+    assert not load_robot(described(tmp_path)).notes
+
+
+def test_an_arm_whose_servos_tear_it_apart_is_noted(tmp_path: Path) -> None:
+    stiff = re.sub(r"kp = .*", "kp = [1e9, 1e9, 1e9, 1e9, 1e9, 1e9, 1e9]", TORQUE)
+    free = MODEL.replace('ctrlrange="-1 1"', "").replace('armature="0.6"', 'armature="0"')
+    assert any("comes apart: its gains are too high" in note for note in load_robot(described(tmp_path, stiff, free)).notes)
+
+
+def test_joint_speeds_are_judged_by_the_robots_own_data_sheet(tmp_path: Path) -> None:
+    slow = load_robot(described(tmp_path, "speed_limit = [0.1, 9, 9, 9, 9, 9, 9]\n" + TORQUE))
+    usual = load_robot(described(tmp_path))
+    found = []
+    for robot in (slow, usual):
+        env = env_on(robot)
+        for _ in range(5):
+            env.step(np.eye(7)[[0, 1]])
+        found.append(env.violations()[:, 1].tolist())
+    assert found == [[True, False], [False, False]]
+    assert usual.summary["own_speed_limit"] is False and usual.summary["speed_limit"] == list(sawyer.VELOCITY_LIMIT)
+    assert slow.summary["speed_limit"][0] == 0.1 and slow.fingerprint != usual.fingerprint
+
+
+def chain_of(*links: tuple[float, float, float]) -> str:
+    """An arm as Denavit and Hartenberg write it: each link along the axis, m, across, m, and the turn, degrees."""
+    text = "".join(
+        f'<body pos="{a} 0 {d}" euler="{turn} 0 0"><joint name="{name}" axis="0 0 1"/><geom size="0.05"/>'
+        for name, (a, d, turn) in zip(NAMES, ((0, 0.3, 0), *((a, d, turn) for d, a, turn in links)), strict=True)
+    )
+    return f'<mujoco><compiler angle="degree"/><worldbody>{text}<site name="mount"/>{"</body>" * 7}</worldbody></mujoco>'
+
+
+PANDA = chain_of((0, 0, -90), (0.316, 0, 90), (0, 0.0825, 90), (0.384, -0.0825, -90), (0, 0, 90), (0, 0.088, 90))
+IIWA = chain_of((0, 0, -90), (0.42, 0, 90), (0, 0, 90), (0.4, 0, -90), (0, 0, -90), (0.126, 0, 90))
+PARALLEL = chain_of((0, 0, 90), (0, 0.42, 0), (0, 0.39, 0), (0, 0, 90), (0.1, 0, 90), (0.1, 0, 90))
+
+
+@pytest.mark.parametrize("arm", [PANDA, IIWA, PARALLEL])
+@pytest.mark.parametrize("text", [TORQUE, WITHOUT_GAINS])
+def test_another_arm_is_called_one_before_anything_else_is_asked_for(arm: str, text: str, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"this looks like another arm than the Sawyer: .* where") as caught:
+        load_robot(described(tmp_path, text, arm))
+    assert "skills are joint motions of the Sawyer and do not carry over" in caught.value.hint and "train" in caught.value.hint
+
+
+def test_an_arm_of_six_joints_is_another_one(tmp_path: Path) -> None:
+    six = TORQUE.replace('"elbow", ', "").replace("kp = [900, ", "kp = [")
+    with pytest.raises(UsageError, match=r"joints: must name seven.*got 6") as caught:
+        load_robot(described(tmp_path, six))
+    assert "another arm" in caught.value.hint
+
+
+def test_neither_signs_nor_zeros_nor_the_base_make_another_arm(tmp_path: Path) -> None:
+    """Those get the message that says which joint turns the wrong way: see `REFUSED`."""
+    turned = MODEL.replace('name="elbow"', 'name="elbow" axis="0 0 -1"')
+    for text, model in ((TORQUE, turned), (TORQUE + "\n[base]\nquat = [0, 1, 0, 0]\npos = [0, 0, 2]", MODEL)):
+        with pytest.raises(UsageError, match="turns about"):
+            load_robot(described(tmp_path, text, model))
 
 
 def test_a_missing_robot_file_and_a_task_without_a_robot_are_refused(tmp_path: Path) -> None:

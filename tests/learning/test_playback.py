@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from skillcli.learning.playback import play, play_waypoints
-from skillcli.trajectories import Array
+from skillcli.trajectories import Array, Trajectories
 
 
 class Line:
@@ -22,6 +22,7 @@ class Line:
         self.x = np.zeros(self.num)
         self.applied = np.zeros((self.num, 1))
         self.fails, self.taken = fails or {}, 0
+        self.unstable = np.zeros(self.num, dtype=bool)
 
     def observe(self) -> Array:
         return self.x[:, None].astype(np.float32)
@@ -57,6 +58,35 @@ def test_success_is_the_end_within_the_tolerance_without_any_failure() -> None:
     recording, _ = play(env, act, *held(1, 1, 1, 1))
     assert recording.success.tolist() == [True, False, False, False]
     assert recording.length.tolist() == [4, 4, 2, 4]
+
+
+def test_a_point_of_a_tasks_own_is_judged_where_it_is() -> None:
+    """A box that is lifted: the usual judged point, the box in the plane of the table, would never leave it."""
+
+    class Lift(Line):
+        def judged(self) -> Array:
+            return np.stack([0 * self.x, 0 * self.x, self.x], axis=1)
+
+        def snapshot(self) -> dict[str, Array]:
+            return {"object_pose": np.concatenate([self.judged(), np.tile([1.0, 0, 0, 0], (self.num, 1))], axis=1)}
+
+    env = Lift([0.0, 0.0])
+    env.target[1, 2] = 4.0
+    recording, _ = play(env, act, *held(1, 1))
+    assert recording.success.tolist() == [False, True]
+    np.testing.assert_allclose(recording.judged[:, :, 2], [[0, 1, 2, 3, 4]] * 2)
+    usual, _ = play(Line([4.0]), act, *held(1))
+    assert usual.judged_position is None, "nothing new to say, nothing stored"
+    joined = Trajectories.join([recording.select(slice(0, 1)), recording.padded(6)])
+    assert joined.judged_position is not None and joined.judged.shape == (3, 7, 3)
+
+
+def test_a_simulation_that_comes_apart_is_told_from_one_that_fails() -> None:
+    env = Line([4.0, 4.0, 4.0], fails={0: 2, 1: 3})
+    env.unstable[1] = True
+    recording, _ = play(env, act, *held(1, 1, 1))
+    assert recording.stable.tolist() == [True, False, True] and recording.success.tolist() == [False, False, True]
+    assert play(Line([4.0], fails={0: 1}), act, *held(1))[0].unstable is None
 
 
 def test_only_the_first_failure_ends_an_episode() -> None:

@@ -137,7 +137,7 @@ def test_a_plan_that_breaks_a_limit_is_no_success_and_says_where(copy: Store, mo
     assert kept.results["success"] and (kept.results["violations"], kept.results["broken"]) == ({}, [])
 
     speed = np.abs(np.diff(kept.arrays["trajectories/joint_position"][0], axis=0)) / 0.05
-    monkeypatch.setattr("skillcli.envs.arm_environment.VELOCITY_LIMIT", np.full(7, 0.5 * speed.max()))
+    monkeypatch.setattr("skillcli.envs.sawyer.VELOCITY_LIMIT", np.full(7, 0.5 * speed.max()))
     broken = compose(copy, source.id, recipe, request, "sequence", "test")
     (found,) = broken.results["broken"]
     path = broken.arrays["trajectories/violations"][0]
@@ -156,7 +156,7 @@ def test_a_search_keeps_the_limits_where_there_is_a_way_to(copy: Store, monkeypa
     request = Request.of(recipe, "", [(0.6, 0.1, 0.25)])
     fast = compose(copy, source.id, recipe, request, "search", "test")
     speed = np.abs(np.diff(fast.arrays["trajectories/joint_position"][0], axis=0)) / 0.05
-    monkeypatch.setattr("skillcli.envs.arm_environment.VELOCITY_LIMIT", np.full(7, 0.95 * speed.max()))
+    monkeypatch.setattr("skillcli.envs.sawyer.VELOCITY_LIMIT", np.full(7, 0.95 * speed.max()))
     slow = compose(copy, source.id, recipe, request, "search", "test")
     assert slow.results["violations"] == {} and slow.arrays["trajectories/violations"].sum() == 0
     assert slow.results["final_distance_m"] >= fast.results["final_distance_m"]

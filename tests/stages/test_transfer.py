@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,23 +11,29 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command import made, skill
+from rich.console import Console
 
 from skillcli import metrics
+from skillcli.cli import tables
 from skillcli.envs.domains import find_domain, find_domains
 from skillcli.envs.robot import load_robot
 from skillcli.errors import UsageError
 from skillcli.perturbation import MANNERS
 from skillcli.recipe import resolve
 from skillcli.stages.library import Library, open_library
+from skillcli.stages.progress import Progress
 from skillcli.stages.script import Script
 from skillcli.stages.transfer_eval import inputs_of, transfer_eval
-from skillcli.stages.transfer_report import broken, most_harmful_first, one_at_a_time, worst
+from skillcli.stages.transfer_report import broken, most_harmful_first, one_at_a_time, outcome, worst
 from skillcli.stages.trial import NOMINAL, Target, Trial
+from skillcli.stages.visualise import draw, scene_of
 from skillcli.store import Artifact, ArtifactId, Store
 from skillcli.trajectories import SAFETY_LIMITS, Array, Trajectories
 
 SOURCE = ArtifactId("tiny", "compose", 1)
 ROBOT = Path(__file__).parent.parent / "robots" / "servo.toml"
+MESHES = ROBOT.with_name("meshes.toml")
 REPLAN = ["transfer.replan=true", "transfer.replan_seconds=0.2", "transfer.replan_budget=2"]
 # Feather-light links, much too stiff late servos, and hard knocks.
 NASTY = """name = "nasty"
@@ -60,6 +67,13 @@ def moved(store: Store, domains: Sequence[str], *settings: str, episodes: int = 
 
 def recording(artifact: Artifact) -> Trajectories:
     return Trajectories(**artifact.group("trajectories"))
+
+
+def shown(artifact: Artifact) -> str:
+    console = Console(width=160, file=io.StringIO())
+    console.print(tables.transfer(artifact))
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue()
 
 
 def ended(*distance: float, violations: Array | None = None, tolerance: float = 0.05) -> Trajectories:
@@ -108,8 +122,7 @@ def test_reports_follow_from_the_stored_episodes(copy: Store) -> None:
     artifact = moved(copy, ["nominal", "real-like"], episodes=7)
     path, results, arrays = recording(artifact), artifact.results, artifact.arrays
     assert path.violations is not None and results["robot"] is None
-    for index, found in enumerate(results["domains"]):
-        here = slice(7 * index, 7 * index + 7)
+    for found, here in zip(results["domains"], (slice(0, 1), slice(1, 8)), strict=True):
         part, rate = path.select(here), results["source"]["success_rate"]
         low, high = found["ci95"]
         assert found["gap"] == pytest.approx(rate - found["success_rate"])
@@ -118,9 +131,9 @@ def test_reports_follow_from_the_stored_episodes(copy: Store) -> None:
         assert list(found["violations"].values()) == (part.violations > 0).sum(axis=0).tolist()  # type: ignore[operator]
         assert found["replay_error_m"] == pytest.approx(metrics.distance_summary(arrays["episodes/replay_error"][here]))
         order = np.argsort(-arrays["episodes/final_distance"][here], kind="stable")[:5]
-        assert [each["episode"] for each in found["worst"]] == (order + 7 * index).tolist()
+        assert [each["episode"] for each in found["worst"]] == (order + here.start).tolist()
     worst_of = results["domains"][1]["worst"][0]
-    assert worst_of["parameters"]["latency"] == arrays["domains/real-like/latency"][worst_of["episode"] - 7]
+    assert worst_of["parameters"]["latency"] == arrays["domains/real-like/latency"][worst_of["episode"] - 1]
     assert "link_mass" not in worst_of["parameters"], "seven numbers"
 
 
@@ -161,7 +174,9 @@ def test_one_parameter_alone_keeps_its_values_and_what_says_how_it_acts() -> Non
 
 
 def test_what_hurts_most_comes_first() -> None:
-    rows = most_harmful_first({"a": ended(0, 0, 0.1), "b": ended(0, 0.2, 0.3), "c": ended(0, 0.01, 0.1)})
+    varied = Target("mild", {"gain": np.ones((3, 7))})
+    found = {"a": ended(0, 0, 0.1), "b": ended(0, 0.2, 0.3), "c": ended(0, 0.01, 0.1)}
+    rows = most_harmful_first({name: (varied, path) for name, path in found.items()})
     assert [row["parameter"] for row in rows] == ["b", "c", "a"], "of two with equal successes the larger median distance"
     assert rows[0]["successes"] == 1 and rows[0]["ci95"] == list(metrics.wilson_interval(1, 3))
 
@@ -193,6 +208,15 @@ def test_episodes_run_on_another_robot_and_the_source_stays(copy: Store, setting
         np.testing.assert_array_equal(values, drawn[name], err_msg=name)
 
 
+def test_notes_about_a_robot_are_told_and_kept(copy: Store) -> None:
+    words = ("transfer-eval", str(SOURCE), "--domain", "nominal", "--robot", MESHES)
+    result = skill("--store", copy.root, *words)
+    assert result.code == 0, result.err
+    notes = made("--store", copy.root, *words)["robot"]["notes"]
+    assert any("hangs 2.0 cm off" in note and "`gravity_compensation = true`" in note for note in notes)
+    assert all(note in " ".join(result.err.split()) for note in notes)
+
+
 def test_robot_and_sensitivity_are_inputs_and_without_them_nothing_changes(chain: Path) -> None:
     source = Store(chain).read(SOURCE)
     recipe, robot = resolve(source.recipe), load_robot(ROBOT)
@@ -219,4 +243,77 @@ def test_a_robot_that_comes_apart_fails_and_leaves_no_nan(
     assert copy.verify(artifact.id) == []
     for name, array in artifact.arrays.items():
         assert np.isfinite(array).all(), name
-    assert all(np.isfinite(value) for value in [*found["final_distance_m"].values(), *found["replay_error_m"].values()])
+    assert found["unstable"] == 2, "said as what it is, and no distance out of it"
+    assert {*found["final_distance_m"].values(), *found["replay_error_m"].values()} == {None}
+    assert [each["final_distance_m"] for each in found["worst"]] == [None, None]
+    table = shown(artifact)
+    assert (
+        "unstable: nasty in 2 of 2 episodes; the simulation came apart, no distance is counted" in table and "nan" not in table
+    )
+    draw(copy, artifact.id, tmp_path / "a.png")
+
+
+def test_distances_are_of_the_episodes_that_did_not_come_apart() -> None:
+    path = replace(ended(0.1, 31.6, 0.3), unstable=np.array([False, True, False]))
+    found = outcome(path, repeats=False)
+    assert (found["unstable"], found["episodes"]) == (1, 3) and found["final_distance_m"]["mean"] == pytest.approx(0.2)
+    assert [each["episode"] for each in worst(Target("mild", {}), path, 0)] == [1, 2, 0]
+    joined = Trajectories.join([ended(0.1), path])
+    assert joined.stable.tolist() == [True, True, False, True]
+
+
+# --- what repeats, and what can be extended ---------------------------------------------------------------------------
+
+BUSY = """name = "busy"
+extends = "real-like"
+[parameters]
+joint_drift = 0.01
+drift_time = 0.5
+control_jitter = 0.05
+push_rate = { one_of = [0.0, 5.0] }
+arm_push = 1.0
+"""
+
+
+def test_more_episodes_leave_the_first_ones_as_they_were(copy: Store, tmp_path: Path) -> None:
+    (tmp_path / "busy.toml").write_text(BUSY)
+    domain = str(tmp_path / "busy.toml")
+    few, many = (moved(copy, [domain], episodes=episodes) for episodes in (2, 5))
+    for name, values in few.group("domains/busy").items():
+        np.testing.assert_array_equal(many.group("domains/busy")[name][:2], values, err_msg=name)
+    a, b = recording(few), recording(many).select(slice(0, 2))
+    np.testing.assert_allclose(a.joint_position, b.joint_position[:, : len(a.time)], atol=1e-4)  # type: ignore[index]
+    np.testing.assert_allclose(few.arrays["episodes/replay_error"], many.arrays["episodes/replay_error"][:2], atol=1e-4)
+
+
+def test_what_repeats_is_played_once_and_has_no_interval(copy: Store, tmp_path: Path) -> None:
+    (tmp_path / "noisy.toml").write_text('name = "noisy"\n[parameters]\njoint_noise = 0.01\n')
+    domains = ["nominal", "latency-40", str(tmp_path / "noisy.toml"), "mild"]
+    artifact = moved(copy, domains, episodes=4)
+    found = {each["name"]: each for each in artifact.results["domains"]}
+    assert {name: (each["episodes"], each["deterministic"]) for name, each in found.items()} == {
+        "nominal": (1, True), "latency-40": (1, True), "noisy": (4, False), "mild": (4, False),
+    }  # fmt: skip
+    assert found["nominal"]["ci95"] == [found["nominal"]["success_rate"]] * 2
+    assert artifact.arrays["episodes/domain"].tolist() == [0, 1, 2, 2, 2, 2, 3, 3, 3, 3]
+    assert len(artifact.arrays["domains/latency-40/latency"]) == 1
+    table = shown(artifact)
+    assert "nominal, latency-40: deterministic, one episode of each route or skill, no interval" in table and "exact" in table
+    assert scene_of(copy, artifact.id).episode_labels == (
+        "nominal 0", "latency-40 0", *(f"noisy {k}" for k in range(4)), *(f"mild {k}" for k in range(4)),
+    )  # fmt: skip
+    farthest = max((each["worst"][0] for each in found.values()), key=lambda each: each["final_distance_m"])["episode"]
+    assert f"farthest off: {scene_of(copy, artifact.id).episode_labels[farthest]}," in table
+    draw(copy, artifact.id, tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("settings", [[], REPLAN])
+def test_progress_counts_episodes_over_all_domains(copy: Store, settings: list[str]) -> None:
+    told: list[Progress] = []
+    moved(copy, ["nominal", "mild"], *settings, episodes=3, report=told.append)
+    told = [each for each in told if each.stage == "transfer-eval"]
+    done = [each.done for each in told]
+    assert {(each.total, each.unit) for each in told} == {(4, "episodes")}
+    assert done == sorted(done) and done[-1] == 4 and 1 in done
+    assert told[-1].success.keys() == {"nominal", "mild"}
+    assert not settings or ({2, 3} <= set(done) and "mild, episode 2 of 3" in [each.note for each in told])

@@ -192,11 +192,16 @@ def _training(material: Material) -> Iterator[Row]:
 def _domains(one: Exhibit, theirs: str, what: str) -> Iterator[Row]:
     """One line per domain: how many of how many, with the interval, the median distance and what is kept."""
     for index, domain in enumerate(one.value("results", "domains") or []):
-        low, high = domain["ci95"]
         kept, median = domain.get("retention"), domain["final_distance_m"]["median"]
-        text = f"{domain['successes']} of {domain['episodes']} ({100 * low:.0f}–{100 * high:.0f} %), median {_cm(median)}"
+        ended = "all unstable" if median is None else f"median {_cm(median)}"
+        text = f"{domain['successes']} of {domain['episodes']} ({_interval(domain)}), {ended}"
         verdict = "" if not _is_number(kept) else "holds" if kept >= HOLDS else f"{SHORT}: {kept:.2f} of the source"
         yield Row(f"{what} on {domain['name']}", theirs, Number(text, one.id, f"results.domains[{index}]"), verdict)
+
+
+def _interval(domain: Mapping[str, Any]) -> str:
+    low, high = domain["ci95"]
+    return "exact" if domain.get("deterministic") else f"{100 * low:.0f}–{100 * high:.0f} %"
 
 
 def _distance(what: str, theirs: float | None, one: Exhibit, path: Sequence[str | int], real: bool, told: str = "") -> Row:

@@ -244,9 +244,9 @@ def _success(material: Material) -> Plan | None:
     if replanned:
         how = f"made again on the way ({', '.join(dict.fromkeys(replanned))}) or {how}"
     caption = (
-        f"Share of episodes that succeed on each domain, bar: Wilson's 95 % interval. Plans are {how}, "
-        "robots drawn anew for every episode. The paper reports no rates; of composed pushes it says “not able to "
-        "reliably transfer”."
+        "Share of episodes that succeed on each domain, bar: Wilson's 95 % interval; exact where all episodes would be the "
+        f"same. Plans are {how}, robots drawn anew for every episode. The paper reports no rates; of composed pushes it "
+        "says “not able to reliably transfer”."
     )
     return Plan(caption, used, lambda: transfer.success([one.scene for one in used], titles))
 

@@ -51,6 +51,8 @@ def card(scene: Scene, episode: int) -> str:
 
 
 def _ending(scene: Scene, episode: int) -> str:
+    if not scene.trajectories.stable[episode]:
+        return "unstable: the simulation came apart"
     return f"ends {100 * final_distance(scene.trajectories)[episode]:.1f} cm off"
 
 

@@ -1,0 +1,49 @@
+"""Reading a TOML file that a person wrote, with whatever editor."""
+
+from __future__ import annotations
+
+import codecs
+import tomllib
+from pathlib import Path
+from typing import Any
+
+MAX_BYTES = 256 * 1024  # no recipe, domain or robot file comes near it
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The content of a TOML file; a byte-order mark, as Windows editors write it, is no part of it.
+
+    Raises:
+        OSError: it cannot be opened or read.
+        ValueError: it is too large, no UTF-8, or no TOML; says in one line what it is.
+    """
+    with path.open("rb") as file:
+        raw = file.read(MAX_BYTES + 1)
+    if len(raw) > MAX_BYTES:
+        raise ValueError(f"it is larger than {MAX_BYTES // 1024} kB")
+    return parse_toml(_text(raw))
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """What TOML text says.
+
+    Raises:
+        ValueError: it is no TOML, nested too deeply, or has a number of absurd length.
+    """
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        raise
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+    except ValueError:  # Python's own bound on digits
+        raise ValueError("a number in it has thousands of digits") from None
+
+
+def _text(raw: bytes) -> str:
+    if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) or b"\0" in raw:
+        raise ValueError("it is UTF-16 text or no text at all; save it as UTF-8")
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"it is no UTF-8 text: byte {error.start + 1} cannot be read; save it as UTF-8") from None
