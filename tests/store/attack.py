@@ -20,7 +20,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -30,9 +30,10 @@ from hostile import CASES, Case, Good  # noqa: E402
 from hostile.good import NAME  # noqa: E402
 
 SKILL = str(Path(sys.executable).with_name("skill"))
-MEGABYTES, WALL = 500.0, 20.0
-CPU = {"verify": 5.0, "show": 5.0, "import": 5.0, "gc": 5.0, "ls": 5.0, "pretrain": 20.0}
-CPU_OF_USE = 20.0  # a second or two of it is loading torch and mujoco
+MEGABYTES = 500.0
+WALL = 20.0  # where nothing else runs
+STORE = ("verify", "show", "import", "gc", "ls")
+CPU, CPU_OF_USE = 5.0, 20.0  # seconds; two of the latter are loading torch and mujoco
 USES = {
     "pretrain": (("embed-means", "ID", "--name", "used"), ("transfer-eval", "ID", "--domain", "nominal", "--episodes", "2")),
     "embed-means": (
@@ -56,7 +57,6 @@ class Outcome:
     code: int
     cpu: float
     megabytes: float
-    wall: float
     line: str  # the first of its stderr, or of its stdout
     problems: tuple[str, ...]
 
@@ -72,7 +72,7 @@ class Ended(NamedTuple):
     err: str
     cpu: float
     megabytes: float
-    wall: float
+    hung: bool
 
 
 def run(words: Sequence[str], folder: Path) -> Ended:
@@ -85,8 +85,8 @@ def run(words: Sequence[str], folder: Path) -> Ended:
             [SKILL, *words], stdout=o, stderr=e, stdin=subprocess.DEVNULL, cwd=folder, env=environment,
             start_new_session=True, preexec_fn=_limit,
         )  # fmt: skip
-    done = 0
-    while not done and time.monotonic() - started < WALL:
+    done, wall = 0, WALL * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
+    while not done and time.monotonic() - started < wall:
         done, status, used = os.wait4(process.pid, os.WNOHANG)
         time.sleep(0 if done else 0.01)
     if not done:
@@ -94,7 +94,7 @@ def run(words: Sequence[str], folder: Path) -> Ended:
         _, status, used = os.wait4(process.pid, 0)
     process.returncode = code = os.waitstatus_to_exitcode(status)
     texts = [path.read_bytes()[: 4 << 20].decode(errors="surrogateescape") for path in (out, err)]
-    return Ended(code, *texts, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024, time.monotonic() - started)
+    return Ended(code, *texts, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024, done == 0)
 
 
 def _limit() -> None:
@@ -108,11 +108,11 @@ def judge(case: str, words: Sequence[str], ended: Ended, right: str = "either") 
     command = next(word for word in words if not word.startswith(("-", "/")))
     lines = [line for line in ended.err.splitlines() if line]
     problems = []
-    if ended.wall >= WALL:
+    if ended.hung:
         problems.append("hangs")
     elif ended.code < 0:
         problems.append(f"dies of {signal.Signals(-ended.code).name}")
-    elif ended.code not in (0, 1):
+    elif ended.code not in ((0, 1) if command in STORE else (0, 1, 2)):
         problems.append(f"exit {ended.code}")
     if "Traceback" in ended.err + ended.out:
         problems.append("traceback")
@@ -124,9 +124,9 @@ def judge(case: str, words: Sequence[str], ended: Ended, right: str = "either") 
         problems.append("says nothing")
     if [mark for mark in ended.err + ended.out if not (mark.isprintable() or mark == "\n")]:
         problems.append("prints raw characters")
-    if "--json" in words and ended.code in (0, 1) and not _is_one_object(ended.out):
+    if "--json" in words and ended.code >= 0 and not _is_one_object(ended.out):
         problems.append("not one JSON object")
-    if ended.cpu > CPU.get(command, CPU_OF_USE):
+    if ended.cpu > (CPU if command in STORE else CPU_OF_USE):
         problems.append("slow")
     if ended.megabytes > MEGABYTES:
         problems.append("large")
@@ -134,7 +134,7 @@ def judge(case: str, words: Sequence[str], ended: Ended, right: str = "either") 
         problems.append("accepted" if right == "refused" else "refused")
     line = next(iter(lines or ended.out.splitlines()), "")
     label = " ".join(word for word in words if word in ("--json", "--all", command))
-    return Outcome(case, label, ended.code, ended.cpu, ended.megabytes, ended.wall, line, tuple(problems))
+    return Outcome(case, label, ended.code, ended.cpu, ended.megabytes, line, tuple(problems))
 
 
 def _is_one_object(text: str) -> bool:
@@ -153,7 +153,10 @@ def attack(case: Case, good: Good, folder: Path) -> Iterator[Outcome]:
         return judge(case.name, words, run(words, folder), right)
 
     if case.form == "checkpoint":
-        yield from _resumed(case, file, folder)
+        yield from _resumed(case, folder)
+        return
+    if case.form == "reuse":
+        yield from _reused(case, file, folder)
         return
     one = f"{NAME}/{case.kind}-v1"
     placed = _store(good, folder / "placed")
@@ -176,7 +179,7 @@ def attack(case: Case, good: Good, folder: Path) -> Iterator[Outcome]:
     new = sorted(_artifacts(store) - known)
     if imported.code != 0:
         if new:
-            yield Outcome(case.name, "import", imported.code, 0, 0, 0, f"refused, and kept {new}", ("kept",))
+            yield Outcome(case.name, "import", imported.code, 0, 0, f"refused, and kept {new}", ("kept",))
         return
     yield skill("--store", str(store), "--quiet", "verify", "--all", right="accepted")
     yield skill("--store", str(store), "--json", "gc")
@@ -191,21 +194,40 @@ def build(case: Case, good: Good, file: Path) -> None:
     """Write the file of a case, in a process of its own: what making it takes must not count for what comes after."""
     child = os.fork()
     if not child:
-        file.write_bytes(case.build(good))
+        data = case.build(good)
+        if case.form == "checkpoint":
+            from hostile.checkpoints import place
+
+            file = place(file.parent / "imported")
+            file.parent.mkdir(parents=True)
+        file.write_bytes(data)
         os._exit(0)
     assert os.waitpid(child, 0)[1] == 0, f"{case.name} could not be made"
 
 
-def _resumed(case: Case, file: Path, folder: Path) -> Iterator[Outcome]:
-    from hostile.checkpoints import SETTINGS, place
+def _resumed(case: Case, folder: Path) -> Iterator[Outcome]:
+    from hostile.checkpoints import SETTINGS
 
     store = folder / "imported"
-    place(store).parent.mkdir(parents=True)
-    shutil.copyfile(file, place(store))
     words = ("--store", str(store), "--json", "pretrain", "point", "--name", NAME, "--resume", *SETTINGS)
     yield judge(case.name, words, run(words, folder), case.right)
     words = ("--store", str(store), "--json", "gc")
     yield judge(case.name, words, run(words, folder))
+
+
+def _reused(case: Case, file: Path, folder: Path) -> Iterator[Outcome]:
+    """Imported or not, it must not be taken for the training that `run` was asked for."""
+    from hostile.reuse import SETTINGS
+
+    store = folder / "imported"
+    words: tuple[str, ...] = ("--store", str(store), "--json", "import", str(file))
+    yield judge(case.name, words, run(words, folder), case.right)
+    known = _artifacts(store)
+    words = ("--store", str(store), "--json", "run", "point", "--name", NAME, *SETTINGS)
+    outcome = judge(case.name, words, run(words, folder))
+    trained = {one for one in _artifacts(store) - known if "/pretrain-" in one}
+    problems = outcome.problems if trained or outcome.code else (*outcome.problems, "used as finished work")
+    yield replace(outcome, problems=problems)
 
 
 def _store(good: Good, root: Path) -> Path:

@@ -12,7 +12,7 @@ from .good import Good
 
 FAMILIES = (
     "header", "texts", "attributes", "meaning", "sizes", "groups_v1", "headers_v1", "groups_v2", "messages_v2", "archives",
-    "checkpoints", "found",
+    "checkpoints", "reuse", "found",
 )  # fmt: skip
 for family in FAMILIES:
     import_module(f".{family}", __name__)

@@ -20,7 +20,7 @@ class Case:
     right: Right  # what `verify` and `import` must do; "either" where both are harmless
     build: Build
     kind: str  # of the artifact
-    form: Literal["artifact", "export", "checkpoint"]
+    form: Literal["artifact", "export", "checkpoint", "reuse"]
 
     @property
     def family(self) -> str:

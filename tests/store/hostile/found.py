@@ -10,7 +10,7 @@ from .mutation import mutated
 
 FOUND: dict[str, tuple[int, ...]] = {
     "present": (11, 140, 148, 182, 370, 454, 506, 515, 594, 669),
-    "first": (),
+    "first": (162,),
 }
 
 
