@@ -11,7 +11,8 @@ from .case import CASES, Case
 from .good import Good
 
 FAMILIES = (
-    "header", "texts", "attributes", "meaning", "sizes", "groups_v1", "headers_v1", "groups_v2", "messages_v2", "archives",
+    "header", "texts", "attributes", "meaning", "sizes", "groups_v1", "headers_v1", "groups_v2", "messages_v2", "bombs",
+    "archives",
     "checkpoints", "reuse", "found",
 )  # fmt: skip
 for family in FAMILIES:
