@@ -18,8 +18,8 @@ demo: install  # the main job: train eight reach skills on the Sawyer, compose, 
 test: install
 	$(BIN)/python -m pytest
 
-fuzz: install  # random damage to stored files, for about a minute; `make test` tries a little of it
-	SKILL_FUZZ=400 $(BIN)/python -m pytest tests/store/test_fuzz.py
+fuzz: install  # random damage to stored files and to HDF5's structures in them, a minute each; `make test` tries a little of it
+	SKILL_FUZZ=400 $(BIN)/python -m pytest tests/store/test_fuzz.py tests/store/test_structure_fuzz.py
 
 check: install  # lint, format, types; the import rules are tests/test_imports.py
 	$(BIN)/ruff check .
