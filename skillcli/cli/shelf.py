@@ -212,8 +212,8 @@ def verify(
     if everything and source:
         raise UsageError("verify takes an ID or --all, not both", "leave one of them out")
     found = None if everything else session.pick(source)
-    ids = [*([found] if found else store.ids()), *(_known(session, found) if found and lineage else ())]
-    problems = {one: store.verify(one) for one in ids}
+    ids = [found, *(_known(session, found) if lineage else ())] if found else []
+    problems = store.verify_all() if everything else {one: store.verify(one) for one in ids}
     listed = [problem for each in problems.values() for problem in each]
     payload: dict[str, Any] = {"id": str(found) if found else None, "ok": not listed, "problems": listed}
     if everything or lineage:
@@ -226,7 +226,7 @@ def verify(
             "hint": "restore it from a copy, or remove it with what was made from it and make it anew",
         }
     lines = [f"[red]{one}[/]: {escape(problem)}" for one, each in problems.items() for problem in each]
-    whole = f"[green]{found} is whole[/]" if len(ids) == 1 else f"[green]{len(ids)} artifacts are whole[/]"
+    whole = f"[green]{found} is whole[/]" if len(ids) == 1 else f"[green]{len(problems)} artifacts are whole[/]"
     session.result(payload, *(lines or [whole]))
     if listed:
         raise typer.Exit(1)

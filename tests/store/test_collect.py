@@ -12,7 +12,7 @@ import pytest
 from skillcli.errors import StoreError
 from skillcli.store import ArtifactId, Draft, Garbage, Store, codec, collect_garbage, find_garbage, save_checkpoint
 from skillcli.store.atomic import LEFT_OVER_SECONDS, temporary_beside
-from skillcli.store.collect import FINISHED_SECONDS
+from skillcli.store.collect import GRACE_SECONDS
 from skillcli.store.process import machine_tag
 
 Make = Callable[..., Draft]
@@ -27,13 +27,20 @@ def aged(path: Path, seconds: float) -> Path:
     return path
 
 
+def old(store: Store) -> Store:
+    """The same store, in which nothing was written lately."""
+    for one in store.ids():
+        aged(store.path(one), GRACE_SECONDS + 60)
+    return store
+
+
 @pytest.fixture
 def lines(store: Store, make: Make) -> Store:
     """Two lines of descent from two trainings of one name: pretrain-v1 → embed-means-v1, pretrain-v2 → embed-means-v2."""
     for _ in range(2):
         parent = store.write(make("pretrain")).id
         store.write(make("embed-means", parents=[parent]))
-    return store
+    return old(store)
 
 
 def test_the_newest_and_what_they_were_made_from_stay(lines: Store, make: Make) -> None:
@@ -90,16 +97,16 @@ def test_a_checkpoint_goes_only_when_its_training_is_finished(lines: Store, make
     open_ = lines.checkpoint_path("run", "pretrain", "a" * 64)
     for path in (finished, open_):
         save_checkpoint(path, {}, {})
-        aged(path, FINISHED_SECONDS - 60)
+        aged(path, GRACE_SECONDS - 60)
     assert find_garbage(lines).leftovers == []  # it may be written by a repetition at this moment
     for path in (finished, open_):
-        aged(path, FINISHED_SECONDS + 60)
+        aged(path, GRACE_SECONDS + 60)
     found = find_garbage(lines)
     assert [one.path for one in found.leftovers] == [finished] and found.unfinished == [open_]
 
 
 def test_an_empty_store_has_no_garbage(store: Store) -> None:
-    assert find_garbage(store) == Garbage([], [], [], [])
+    assert find_garbage(store) == Garbage([], [], [], [], [])
     assert not store.root.exists()
 
 
