@@ -155,7 +155,7 @@ def _assert_sound(store: Store) -> None:
         pass
 
 
-@pytest.mark.parametrize(("code", "names"), [(errno.EIO, (*CHANGING, *LOOKING)), (errno.ENOSPC, CHANGING)])
+@pytest.mark.parametrize(("code", "names"), [(errno.EIO, (*CHANGING, *LOOKING)), (errno.ENOSPC, ("open", *CHANGING))])
 @pytest.mark.parametrize("operation", OPERATIONS)
 def test_an_error_at_any_call_is_one_line_and_leaves_the_store_sound(
     template: Store, make: Make, operation: Operation, code: int, names: tuple[str, ...]
