@@ -116,6 +116,7 @@ def test_gc_shows_first_and_keeps_pins(store: Path) -> None:
     made("--store", store, "migrate", "reference-point/compose")
     (store / "tiny" / ".tmp-x-00000000-1-ff.h5").write_bytes(b"123")
     os.utime(store / "tiny" / ".tmp-x-00000000-1-ff.h5", (0, 0))
+    os.utime(store / "reference-point" / "compose-v1.h5")
     assert made("--store", store, "gc")["young"] == ["reference-point/compose-v1"]
     assert "made within the last hour: 1" in said(store, "gc")
     os.utime(store / "reference-point" / "compose-v1.h5", (0, 0))
