@@ -113,11 +113,12 @@ def _table(rows: list[tuple[str, ...]], width: int) -> RenderableType:
 
 def plain_table(columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> RenderableType:
     """Aligned columns without a frame: thousands of rows in a moment."""
-    from rich.text import Text
+    from rich.control import strip_control_codes
+    from rich.segment import Segment, Segments
 
     widths = [max(map(len, cells)) for cells in zip(columns, *rows, strict=True)]
     lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in (columns, *rows))
-    return Text("\n".join(lines), no_wrap=True)
+    return Segments([Segment(f"{strip_control_codes(line)}\n") for line in lines])  # `Text` would look for places to wrap
 
 
 def _entry(header: Header, pinned: bool) -> dict[str, Any]:

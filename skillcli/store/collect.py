@@ -95,7 +95,11 @@ def collect_garbage(store: Store, keep: int = 1) -> Garbage:
         leftovers += found.leftovers
         if len(gone) == len(found.artifacts):
             return replace(found, artifacts=artifacts, leftovers=leftovers)
-        time.sleep(_PAUSE_SECONDS)
+        _let_others_in()
+
+
+def _let_others_in() -> None:
+    time.sleep(_PAUSE_SECONDS)
 
 
 def _remove(store: Store, headers: list[Header], still_held: Callable[[], None]) -> list[Header]:

@@ -39,7 +39,7 @@ _OWNER = re.compile(
     r"(?P<pid>[1-9a-f][0-9a-f]{0,7}):(?P<started>[0-9a-f]{0,16}):(?P<name>[A-Za-z0-9._-]*)",
     re.ASCII,
 )
-_given_up: set[str] = set()  # locks of this process that are no longer held, should removing one have failed
+_given_up: set[str] = set()  # locks of this process that are no longer held, only removing them failed
 _NO_LINKS = (errno.EPERM, errno.ENOSYS, errno.EOPNOTSUPP)  # FAT and some network file systems
 
 
@@ -109,11 +109,11 @@ def locked(root: Path, *, take_over: bool = False, patience: float | None = None
     try:
         yield check
     finally:
-        _given_up.add(text)
-        with suppress(OSError, StoreError):  # what was done under the lock is done; whoever comes next finds it left behind
+        try:
             if _text(path) == text:
                 path.unlink()
-            _given_up.discard(text)
+        except (OSError, StoreError):  # what was done under the lock is done; whoever comes next finds it left behind
+            _given_up.add(text)
 
 
 def read_owner(path: Path) -> Owner | None:

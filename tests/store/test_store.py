@@ -6,9 +6,8 @@ import os
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import h5py  # type: ignore[import-untyped,unused-ignore]
@@ -263,8 +262,17 @@ def test_the_git_state_is_that_of_the_checkout(tmp_path: Path) -> None:
 def test_within_a_series_the_number_decides_whatever_the_clock_said(
     store: Store, make: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    class Clock(datetime):
+        year_now = 0
+
+        @classmethod
+        def now(cls, tz: Any = None) -> Clock:
+            return cls(cls.year_now, 1, 1, tzinfo=tz)
+
+    monkeypatch.setattr(codec, "datetime", Clock)
+
     def write(year: int, **changes: Any) -> ArtifactId:
-        monkeypatch.setattr(codec, "datetime", SimpleNamespace(now=lambda _: datetime(year, 1, 1, tzinfo=UTC)))
+        Clock.year_now = year
         return store.write(make(**changes)).id
 
     first, second, other = write(2026), write(2023), write(2024, name="other")
