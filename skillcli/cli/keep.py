@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -51,15 +52,16 @@ def collect(
     apply: Annotated[bool, typer.Option("--apply", help="Remove it; without this, only show what would go.")] = False,
     keep: Annotated[int, typer.Option("--keep", help="Newest versions of each NAME/STAGE that stay.", min=1)] = 1,
 ) -> None:
-    """Remove older versions and leftovers of killed processes. Pins, the newest and what they were made from stay."""
+    """Remove older versions and leftovers of killed processes. Pins, the newest and what they were made from stay.
+
+    So does what was made within the last hour: something may be about to be made from it.
+    """
     from skillcli.store import collect_garbage, find_garbage
 
     session: Session = context.obj
     found = (collect_garbage if apply else find_garbage)(session.store, keep)
     if found.unreadable:
-        session.say(
-            f"[yellow]no artifact goes while {found.unreadable[0].id} cannot be read[/]: `skill verify --all`, `skill rm`"
-        )
+        session.say(f"[yellow]no artifact goes while {found.unreadable[0].id} cannot be read[/]: `skill verify --all` says why")
     payload: dict[str, Any] = {
         "applied": apply,
         "bytes": found.bytes,
@@ -67,6 +69,7 @@ def collect(
         "leftovers": [{"path": str(one.path), "bytes": one.bytes, "why": one.why} for one in found.leftovers],
         "unreadable": [str(one.id) for one in found.unreadable],
         "unfinished": [str(path) for path in found.unfinished],
+        "young": [str(header.id) for header in found.young],
     }
     session.result(payload, *(() if session.json else _garbage(found, apply)))
 
@@ -81,6 +84,7 @@ def _garbage(found: Garbage, applied: bool) -> list[Any]:
         table.add_row(str(one.path), one.why, f"{one.bytes / 1e3:,.0f}")
     count = len(found.artifacts) + len(found.leftovers)
     kept = [f"kept for --resume: {path}" for path in found.unfinished]
+    kept += [f"kept for now, made within the last hour: {len(found.young)}"] if found.young else []
     if not count:
         return [*kept, "nothing to remove"]
     summary = f"{count} files, {found.bytes / 1e6:,.1f} MB"
@@ -109,17 +113,19 @@ def export(
 def import_(
     context: typer.Context,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="From `skill export`, or a single artifact's .h5 file.")],
+    replace: Annotated[bool, typer.Option("--replace", help="Put whole artifacts in the place of damaged ones.")] = False,
 ) -> None:
     """Take artifacts from elsewhere into the store; nothing in the file is trusted before it is checked."""
     from skillcli.store import import_file
 
     session: Session = context.obj
-    found = import_file(session.store, file)
+    found = import_file(session.store, file, replace_damaged=replace)
     lines = []
     for one in found:
-        renamed = f" (exported as {one.exported}; that id is taken by another)" if one.id != one.exported else ""
-        lines.append(f"{'imported' if one.new else 'already here:'} {one.id}{renamed}")
-    payload = [{"id": str(one.id), "exported": str(one.exported), "new": one.new} for one in found]
+        renamed = f" (exported as {one.exported}, whose number is taken or too high)" if one.id != one.exported else ""
+        done = "imported" if one.new else "put in the place of a damaged one:" if one.replaced else "already here:"
+        lines.append(f"{done} {one.id}{renamed}")
+    payload = [{"id": str(one.id), "exported": str(one.exported), "new": one.new, "replaced": one.replaced} for one in found]
     session.result({"id": str(found[-1].id), "artifacts": payload}, *lines)
 
 
@@ -142,7 +148,7 @@ def unlock(
     from skillcli.store import unlock as remove
 
     session: Session = context.obj
-    locked = (session.root / ".lock").exists()
+    locked = os.path.lexists(session.root / ".lock")
     owner = remove(session.root, force=force) if locked else None
     whose = str(owner) if owner else None
     said = f"removed the lock of {whose or 'an unknown process'}" if locked else "the store is not locked"

@@ -113,11 +113,12 @@ def _table(rows: list[tuple[str, ...]], width: int) -> RenderableType:
 
 def plain_table(columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> RenderableType:
     """Aligned columns without a frame: thousands of rows in a moment."""
-    from rich.text import Text
+    from rich.control import strip_control_codes
+    from rich.segment import Segment, Segments
 
     widths = [max(map(len, cells)) for cells in zip(columns, *rows, strict=True)]
     lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in (columns, *rows))
-    return Text("\n".join(lines), no_wrap=True)
+    return Segments([Segment(f"{strip_control_codes(line)}\n") for line in lines])  # `Text` would look for places to wrap
 
 
 def _entry(header: Header, pinned: bool) -> dict[str, Any]:
@@ -212,8 +213,8 @@ def verify(
     if everything and source:
         raise UsageError("verify takes an ID or --all, not both", "leave one of them out")
     found = None if everything else session.pick(source)
-    ids = [*([found] if found else store.ids()), *(_known(session, found) if found and lineage else ())]
-    problems = {one: store.verify(one) for one in ids}
+    ids = [found, *(_known(session, found) if lineage else ())] if found else []
+    problems = store.verify_all() if everything else {one: store.verify(one) for one in ids}
     listed = [problem for each in problems.values() for problem in each]
     payload: dict[str, Any] = {"id": str(found) if found else None, "ok": not listed, "problems": listed}
     if everything or lineage:
@@ -226,7 +227,7 @@ def verify(
             "hint": "restore it from a copy, or remove it with what was made from it and make it anew",
         }
     lines = [f"[red]{one}[/]: {escape(problem)}" for one, each in problems.items() for problem in each]
-    whole = f"[green]{found} is whole[/]" if len(ids) == 1 else f"[green]{len(ids)} artifacts are whole[/]"
+    whole = f"[green]{found} is whole[/]" if len(ids) == 1 else f"[green]{len(problems)} artifacts are whole[/]"
     session.result(payload, *(lines or [whole]))
     if listed:
         raise typer.Exit(1)

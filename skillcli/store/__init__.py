@@ -7,9 +7,10 @@ from skillcli.store.artifact import Artifact, Draft, Header, Parent, Unreadable,
 from skillcli.store.checkpoint import load_checkpoint, remove_checkpoint, save_checkpoint
 from skillcli.store.collect import Garbage, collect_garbage, find_garbage
 from skillcli.store.ids import STAGES, ArtifactId
+from skillcli.store.listing import Listing
 from skillcli.store.lock import Owner, unlock
 from skillcli.store.schema import KINDS
-from skillcli.store.store import Listing, Store
+from skillcli.store.store import Store
 
 __all__ = [
     "KINDS",

@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import hashlib
 import io
+import os
 import tarfile
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from skillcli.errors import StoreError
+from skillcli.errors import StoreError, UnknownArtifact
 from skillcli.store import atomic, codec
-from skillcli.store.artifact import Artifact, content_hash
+from skillcli.store.artifact import Artifact, Parent, content_hash
 from skillcli.store.atomic import storage_errors
 from skillcli.store.block import MAGIC
 from skillcli.store.container import open_regular, peek, reading
@@ -29,6 +30,8 @@ MANIFEST = "manifest.json"
 FORMAT = {"format": "skill-export", "version": 1}
 MAX_MANIFEST_BYTES = 1 << 20
 MAX_ARTIFACTS = 1000
+LAST_IMPORTED = 1_000_000
+"""Version numbers beyond this are not taken from a file: the next training needs one that is higher."""
 
 _BLOCK = 512  # of a tar
 _HINT = "ask for a new export"
@@ -41,6 +44,7 @@ class Imported:
     id: ArtifactId  # under which it is in the store now
     exported: ArtifactId  # under which it was exported
     new: bool  # False: the same content was already here
+    replaced: bool = False  # it was, but damaged, and is whole now
 
 
 def export(store: Store, artifact_id: ArtifactId, path: Path) -> list[ArtifactId]:
@@ -74,42 +78,52 @@ def export(store: Store, artifact_id: ArtifactId, path: Path) -> list[ArtifactId
             _add(tar, f"{one}.h5", data)
     with storage_errors(f"write {path}"):
         atomic.make_folder(path.absolute().parent)
+    with suppress(OSError):
+        atomic.sweep(path.absolute().parent)
     atomic.write_atomically(path.absolute(), packed.getbuffer(), Path.stat)
     return ids
 
 
-def import_file(store: Store, path: Path) -> list[Imported]:
+def import_file(store: Store, path: Path, *, replace_damaged: bool = False) -> list[Imported]:
     """Take the artifacts of an export, or a single artifact's file, into a store.
 
-    All are checked before the first gets its name. One whose id is taken by another content gets the next free version,
-    and those made from it say so.
+    All are checked before the first gets its name. One whose id is taken by another content, or whose number is beyond
+    `LAST_IMPORTED`, gets the next free version, and those made from it say so. What they were made from must be in the file
+    or in the store.
+
+    Args:
+        store: where to.
+        path: the file.
+        replace_damaged: whether a damaged copy in the store may be replaced by the whole one from the file.
 
     Raises:
-        StoreError: the file is damaged, hostile or made by a newer skill, or the store refuses.
+        StoreError: the file is damaged, hostile or made by a newer skill, what an artifact was made from is not there, the
+            copy in the store is damaged, or the store refuses.
     """
-    with _unpacked(store, path) as artifacts:
-        renamed: dict[ArtifactId, ArtifactId] = {}
-        imported = []
+    renamed: dict[ArtifactId, ArtifactId] = {}
+    imported = []
+    with storage_errors(f"write in {store.root}"), _unpacked(store, path) as artifacts:
         for artifact in artifacts:
-            parents = tuple(replace(parent, id=renamed.get(parent.id, parent.id)) for parent in artifact.parents)
-            target, new = _place(store, artifact)
-            if new:
-                store.put(replace(artifact, id=target, parents=parents))
-            renamed[artifact.id] = target
-            imported.append(Imported(target, artifact.id, new))
+            parents = tuple(_parent(store, artifact, parent, renamed) for parent in artifact.parents)
+            imported.append(_keep(store, replace(artifact, parents=parents), replace_damaged))
+            renamed[artifact.id] = imported[-1].id
     return imported
 
 
 def _ancestors_first(store: Store, artifact_id: ArtifactId) -> list[ArtifactId]:
     ordered: dict[ArtifactId, None] = {}
-
-    def visit(one: ArtifactId) -> None:
-        for parent in store.header(one).parents:
-            if parent.id not in ordered:
-                visit(parent.id)
-        ordered[one] = None
-
-    visit(artifact_id)
+    entered: set[ArtifactId] = set()
+    pending = [(artifact_id, False)]
+    while pending:
+        one, visited = pending.pop()
+        if visited:
+            ordered[one] = None
+        elif one not in ordered:
+            if one in entered:
+                raise StoreError(f"cannot export {artifact_id}: {one} was made from itself", f"`skill verify {one} --lineage`")
+            entered.add(one)
+            pending.append((one, True))
+            pending += [(parent.id, False) for parent in reversed(store.header(one).parents)]
     return list(ordered)
 
 
@@ -119,26 +133,100 @@ def _add(tar: tarfile.TarFile, name: str, data: bytes) -> None:
     tar.addfile(info, io.BytesIO(data))
 
 
-def _place(store: Store, artifact: Artifact) -> tuple[ArtifactId, bool]:
-    """The id under which an artifact is, or may become part of the store, and whether it is new there."""
-    series = [one for one in store.ids() if one.series == artifact.id.series]
-    for one in series:
-        if _content(store, one) == artifact.content_sha256:
-            return one, False
-    path = store.path(artifact.id)
-    with storage_errors(f"write in {store.root}"):
+class _Here(Exception):
+    """The content came into the store while it was being written a second time."""
+
+    def __init__(self, found: ArtifactId) -> None:
+        super().__init__(found)
+        self.id = found
+
+
+def _parent(store: Store, artifact: Artifact, parent: Parent, renamed: Mapping[ArtifactId, ArtifactId]) -> Parent:
+    """What an artifact was made from, under its id in the store."""
+    found = renamed.get(parent.id) or _same(store, parent.id, parent.content_sha256)
+    if found is None:
+        problem = (
+            f"{artifact.id} was made from {parent.id}, which is neither in the file nor, with that content, in {store.root}"
+        )
+        raise StoreError(problem, f"import an export that holds both: `skill export {artifact.id}` where it comes from")
+    return replace(parent, id=found)
+
+
+def _keep(store: Store, artifact: Artifact, replace_damaged: bool) -> Imported:
+    """Give an artifact its place in the store, unless it has one."""
+    found = _same(store, artifact.id, artifact.content_sha256, or_illegible=True)
+    if found is None:
+        return _keep_new(store, artifact)
+    if not (problem := _damage(store, found, artifact.content_sha256)):
+        return Imported(found, artifact.id, new=False)
+    if not replace_damaged:
+        raise StoreError(f"{found} is here, but damaged: {problem}", "`skill import --replace` puts the whole one in its place")
+    store.put(replace(artifact, id=found), artifact.parents, replace=True)
+    return Imported(found, artifact.id, new=False, replaced=True)
+
+
+def _keep_new(store: Store, artifact: Artifact) -> Imported:
+    def admit() -> None:
+        if found := _same(store, artifact.id, artifact.content_sha256):
+            raise _Here(found)
+
+    target = _claim(store, artifact.id)
+    try:
+        store.put(replace(artifact, id=target), artifact.parents, admit=admit)
+    except _Here as here:
+        return Imported(here.id, artifact.id, new=False)
+    return Imported(target, artifact.id, new=True)
+
+
+def _claim(store: Store, artifact_id: ArtifactId) -> ArtifactId:
+    """The id itself where it was never taken here, else the next version."""
+    path = store.path(artifact_id)
+    if artifact_id.version <= LAST_IMPORTED:
         atomic.make_folder(path.parent)
-        if atomic.keep_claim(path.parent, path.stem) and artifact.id not in series:
-            return artifact.id, True
-    version = atomic.claim_version(store.root / artifact.id.name, artifact.kind)
-    return replace(artifact.id, version=version), True
+        if atomic.keep_claim(path.parent, path.stem) and not os.path.lexists(path):
+            return artifact_id
+    return replace(artifact_id, version=atomic.claim_version(path.parent, artifact_id.stage))
 
 
-def _content(store: Store, artifact_id: ArtifactId) -> str:
+def _same(store: Store, artifact_id: ArtifactId, content_sha256: str, *, or_illegible: bool = False) -> ArtifactId | None:
+    """The artifact of a series that says it has this content, under the given id if possible.
+
+    With `or_illegible`, also the one under the id itself when it cannot say what it is.
+    """
+    series = sorted(store.versions(artifact_id), key=lambda one: one != artifact_id)
+    contents = {one: _content(store, one) for one in series}
+    illegible = [artifact_id] if or_illegible and contents.get(artifact_id) == "" else []
+    found = [*(one for one in series if contents[one] == content_sha256), *illegible]
+    return found[0] if found else None
+
+
+def _content(store: Store, artifact_id: ArtifactId) -> str | None:
+    """The content hash an artifact says it has; "" when it is damaged, None when it is gone or may not be read.
+
+    Raises:
+        StoreError: the disk fails.
+    """
     try:
         return store.header(artifact_id).content_sha256
-    except StoreError:
-        return ""
+    except StoreError as error:
+        if atomic.is_disk_failure(error):
+            raise
+        return None if isinstance(error, UnknownArtifact) or isinstance(error.__cause__, OSError) else ""
+
+
+def _damage(store: Store, artifact_id: ArtifactId, content_sha256: str) -> str:
+    """What is wrong with a stored artifact that should have this content; "" where nothing is.
+
+    Raises:
+        StoreError: the disk fails.
+    """
+    try:
+        found = _checked(artifact_id, store.path(artifact_id)).content_sha256
+    except StoreError as error:
+        if isinstance(error.__cause__, OSError) and error.__cause__.errno:
+            raise
+        return error.message
+    return "" if found == content_sha256 else f"its content is {found[:12]}"
 
 
 @contextmanager

@@ -113,9 +113,9 @@ class Artifact(Header):
 
 @dataclass(frozen=True)
 class Unreadable:
-    """A file that lies where an artifact should, but is not a whole one."""
+    """A file that lies where an artifact should, but is not a whole one; or a folder that cannot be listed."""
 
-    id: ArtifactId
+    id: ArtifactId | str  # of a folder `NAME/`
     problem: str
 
 

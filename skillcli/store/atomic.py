@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import os
+import re
 import secrets
 import time
 from collections.abc import Callable, Iterator
@@ -12,12 +14,19 @@ from pathlib import Path
 from typing import TypeVar
 
 from skillcli.errors import StoreError
+from skillcli.store.ids import FILE, LAST_VERSION
 from skillcli.store.process import is_running, machine_tag
 
 T = TypeVar("T")
 
 TEMPORARY = ".tmp-"
 """How the names of unfinished files begin: `.tmp-WHAT-MACHINE-PID-RANDOM`, left over where a process was killed."""
+
+CLAIMS = ".claims"
+"""Folder below each name: an empty file for every version that was ever given."""
+
+FULL = (errno.ENOSPC, errno.EDQUOT)
+"""What the system says where nothing more can be written."""
 
 LEFT_OVER_SECONDS = 24 * 3600.0
 """After this time without a change an unfinished file is left over, wherever its process runs or ran."""
@@ -29,9 +38,13 @@ _HINTS = {
     errno.EROFS: "the file system is read-only: choose another folder with --store",
     errno.EACCES: "you may not write here: choose another folder with --store",
     errno.EPERM: "you may not write here: choose another folder with --store",
+    errno.EIO: "the disk, or the connection to it, fails: check it, then `skill verify --all`",
     errno.ENOTDIR: "a file lies where a folder is needed: move it away, or choose another folder with --store",
     errno.EEXIST: "a file lies where a folder or a new artifact is needed: move it away",
 }
+
+_OURS = re.compile(rf"{re.escape(TEMPORARY)}.*-[0-9a-f]{{8}}-[1-9][0-9]*-[0-9a-f]{{8}}(\.[a-z0-9]+)?", re.ASCII)
+_CLAIMED = re.compile(rf"{FILE}(\.h5)?", re.ASCII)
 
 
 @contextmanager
@@ -42,6 +55,13 @@ def storage_errors(action: str) -> Iterator[None]:
     except OSError as error:
         hint = _HINTS.get(error.errno or 0, "check the disk and the folder's permissions")
         raise StoreError(f"cannot {action}: {error.strerror or error}", hint) from error
+
+
+def is_disk_failure(error: StoreError) -> bool:
+    """Whether something could not be read because the disk failed: what it holds is not known then."""
+    cause = error.__cause__
+    known = isinstance(cause, OSError) and cause.errno is not None  # HDF5 raises ones without a number at damaged files
+    return known and not isinstance(cause, FileNotFoundError | PermissionError)
 
 
 def write_atomically(
@@ -65,7 +85,8 @@ def write_atomically(
         What `check` returned.
 
     Raises:
-        StoreError: the disk refused; nothing was left under `path`, or what was there before still is.
+        StoreError: the disk refused; nothing was left under `path`, or what was there before still is, unless all that
+            failed was to flush the folder: then the whole file is there, and may be gone after a power cut.
     """
     temporary = temporary_beside(path)
     with storage_errors(f"write {path}"):
@@ -96,13 +117,30 @@ def temporary_beside(path: Path) -> Path:
 
 def is_left_over(path: Path) -> bool:
     """Whether an unfinished file will never be finished: its process has ended, or it has not changed for a day."""
-    tag, pid, _ = ["", "", *path.stem.split("-")][-3:]
-    if tag == machine_tag() and pid.isascii() and pid.isdigit() and not is_running(int(pid)):
+    if _has_ended(path):
         return True
     try:
         return time.time() - path.lstat().st_mtime > LEFT_OVER_SECONDS
     except OSError:  # finished or removed meanwhile
         return False
+
+
+def _has_ended(path: Path) -> bool:
+    """Whether the process that an unfinished file is named after is known to have ended."""
+    tag, pid, _ = ["", "", *path.stem.split("-")][-3:]
+    return tag == machine_tag() and pid.isascii() and pid.isdigit() and not is_running(int(pid))
+
+
+def sweep(folder: Path) -> None:
+    """Remove what killed processes of this machine left unfinished in a folder that is not part of a store.
+
+    Raises:
+        OSError: the folder cannot be listed, or the disk refuses.
+    """
+    for entry in list(os.scandir(folder)):
+        path = folder / entry.name
+        if _OURS.fullmatch(entry.name) and entry.is_file(follow_symlinks=False) and _has_ended(path):
+            path.unlink(missing_ok=True)
 
 
 def make_folder(path: Path) -> None:
@@ -111,8 +149,9 @@ def make_folder(path: Path) -> None:
     Raises:
         OSError: it cannot be created.
     """
-    missing = [folder for folder in (path, *path.parents) if not folder.exists()]
-    path.mkdir(parents=True, exist_ok=True)
+    missing = list(itertools.takewhile(lambda folder: not folder.exists(), (path, *path.parents)))
+    if missing or not path.is_dir():
+        path.mkdir(parents=True, exist_ok=True)
     for folder in missing:
         sync_folder(folder.parent)
 
@@ -156,16 +195,29 @@ def claim_version(folder: Path, stage: str) -> int:
         stage: which stage.
 
     Raises:
-        StoreError: the folder cannot be written.
+        StoreError: the folder cannot be written, or all numbers are taken.
     """
-    claims = folder / ".claims"
+    claims = folder / CLAIMS
     with storage_errors(f"write in {folder}"):
         make_folder(claims)
-        taken = [*claims.glob(f"{stage}-v*"), *folder.glob(f"{stage}-v*")]
-        version = 1 + max(map(_version, taken), default=0)
+        version = next_version(folder, stage)
         while not _create(claims / f"{stage}-v{version}"):
             version += 1
         sync_folder(claims)
+    return version
+
+
+def next_version(folder: Path, stage: str) -> int:
+    """The version number of a stage that would be given now.
+
+    Raises:
+        StoreError: all are taken.
+        OSError: the folder cannot be listed.
+    """
+    taken = [found for place in (folder, folder / CLAIMS) for name in _names(place) if (found := _CLAIMED.fullmatch(name))]
+    version = 1 + max((int(found["version"]) for found in taken if found["stage"] == stage), default=0)
+    if version > LAST_VERSION:
+        raise StoreError(f"{folder.name}/{stage} has had its last version, {LAST_VERSION}", "give --name another name")
     return version
 
 
@@ -175,11 +227,31 @@ def keep_claim(folder: Path, stem: str) -> bool:
     Raises:
         OSError: the folder cannot be written.
     """
-    claims = folder / ".claims"
+    claims = folder / CLAIMS
     make_folder(claims)
     created = _create(claims / stem)
-    sync_folder(claims)
+    if created:
+        sync_folder(claims)
     return created
+
+
+def remove_claimed(path: Path) -> None:
+    """Remove an artifact's file, while its number stays taken: on a full disk by making the file itself the claim.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    try:
+        keep_claim(path.parent, path.stem)
+        path.unlink()
+    except OSError as error:
+        claim = path.parent / CLAIMS / path.stem
+        if error.errno not in FULL or not claim.parent.exists():
+            raise
+        path.rename(claim)
+        os.truncate(claim, 0)
+        sync_folder(claim.parent)
+    sync_folder(path.parent)
 
 
 def _create(path: Path) -> bool:
@@ -191,6 +263,5 @@ def _create(path: Path) -> bool:
     return True
 
 
-def _version(path: Path) -> int:
-    digits = path.stem.rpartition("-v")[2]
-    return int(digits) if digits.isascii() and digits.isdigit() else 0
+def _names(folder: Path) -> list[str]:
+    return [path.name for path in folder.iterdir()] if folder.exists() else []

@@ -132,7 +132,7 @@ def encode(artifact: Artifact) -> memoryview:
     return pack(header, Contents(attributes, {**artifact.arrays, **texts}), labels)
 
 
-def read_header(path: Path, expected: ArtifactId) -> Header:
+def read_header(path: Path | str, expected: ArtifactId) -> Header:
     """What an artifact's file says of itself, from its first few kilobytes.
 
     Raises:

@@ -4,20 +4,28 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from skillcli.store import listing
 from skillcli.store.artifact import Header, Unreadable
-from skillcli.store.atomic import TEMPORARY, is_left_over, storage_errors, sync_folder
+from skillcli.store.atomic import LEFT_OVER_SECONDS, TEMPORARY, is_left_over, storage_errors, sync_folder
 from skillcli.store.ids import ArtifactId
 from skillcli.store.lock import locked
 from skillcli.store.store import Store
 
-FINISHED_SECONDS = 3600.0
-"""A checkpoint whose training is finished goes after this long without a change: a repetition may be writing it."""
+GRACE_SECONDS = 3600.0
+"""What was written as lately as this stays: the next stage of a chain, or an import, may be about to need it. So does the
+checkpoint of a finished training: a repetition may be writing it."""
 
+HOLD_SECONDS = 2.0
+"""After so long, removing lets others have the lock, and then looks at everything again."""
+
+_PAUSE_SECONDS = 0.1
 _CHECKPOINT = re.compile(r"\.checkpoint-(?P<kind>[a-z-]+)-(?P<inputs>[0-9a-f]{12})\.h5", re.ASCII)
+_DRAWING = re.compile(r"\..+-[a-z0-9_]{8}\.(rrd|png|pdf|svg)", re.ASCII)  # as `tempfile` names unfinished ones
 
 
 @dataclass(frozen=True)
@@ -37,6 +45,7 @@ class Garbage:
     leftovers: list[Leftover]
     unreadable: list[Unreadable]  # as long as there are any, no artifact goes: they may be made from it
     unfinished: list[Path]  # checkpoints of interrupted work
+    young: list[Header]  # would go, but were written within GRACE_SECONDS
 
     @property
     def bytes(self) -> int:
@@ -49,7 +58,8 @@ def find_garbage(store: Store, keep: int = 1) -> Garbage:
 
     Args:
         store: where.
-        keep: how many of the newest versions of each NAME/STAGE stay; pins and ancestors of what stays do so too.
+        keep: how many of the newest versions of each NAME/STAGE stay; pins, what was just written and ancestors of what
+            stays do so too.
 
     Raises:
         StoreError: the store cannot be listed.
@@ -57,40 +67,96 @@ def find_garbage(store: Store, keep: int = 1) -> Garbage:
     headers, unreadable = store.listing()
     known = {header.id: header for header in headers}
     kept = _with_ancestors(known, {*_newest(known, keep), *store.pinned()})
-    going = [] if unreadable else [header for header in headers if header.id not in kept]
-    going.sort(key=lambda header: len(_with_ancestors(known, {header.id})), reverse=True)
-    finished = {(header.id.name, header.kind, header.inputs_sha256[:12]) for header in headers}
-    leftovers, unfinished = [], []
     with storage_errors(f"list {store.root}"):
-        for path in _hidden(store.root):
-            found = _CHECKPOINT.fullmatch(path.name)
-            age = time.time() - path.lstat().st_mtime
-            if path.name.startswith(TEMPORARY) and is_left_over(path):
-                leftovers.append(Leftover(path, path.lstat().st_size, "left by a process that was killed"))
-            elif found and (path.parent.name, found["kind"], found["inputs"]) in finished and age > FINISHED_SECONDS:
-                leftovers.append(Leftover(path, path.lstat().st_size, "checkpoint of a finished training"))
-            elif found:
-                unfinished.append(path)
-    return Garbage(going, leftovers, unreadable, unfinished)
+        young = [header for one, header in known.items() if one not in kept and _age(store.path(one)) < GRACE_SECONDS]
+        leftovers, unfinished = _left_behind(store, headers)
+    kept |= _with_ancestors(known, [header.id for header in young])
+    going = {} if unreadable else {one: header for one, header in known.items() if one not in kept}
+    return Garbage(_children_first(going), leftovers, unreadable, unfinished, young)
 
 
 def collect_garbage(store: Store, keep: int = 1) -> Garbage:
     """Remove what `find_garbage` finds, and return it.
 
+    The lock is held for `HOLD_SECONDS` at a time. Whoever comes in between may have needed what was found before: each time,
+    everything is looked at again.
+
     Raises:
         StoreError: the store is locked, or the disk refuses.
     """
-    with locked(store.root):
-        garbage = find_garbage(store, keep)
-        for header in garbage.artifacts:
-            store.unlink(header.id)
-        for leftover in garbage.leftovers:
-            with storage_errors(f"remove {leftover.path}"):
-                leftover.path.unlink(missing_ok=True)
-        for folder in {leftover.path.parent for leftover in garbage.leftovers}:
-            with storage_errors(f"flush {folder}"):
-                sync_folder(folder)
-    return garbage
+    artifacts: list[Header] = []
+    leftovers: list[Leftover] = []
+    while True:
+        with locked(store.root) as still_held:
+            found = find_garbage(store, keep)
+            gone = _remove(store, found.artifacts, still_held)
+            _remove_leftovers(found.leftovers)
+        artifacts += gone
+        leftovers += found.leftovers
+        if len(gone) == len(found.artifacts):
+            return replace(found, artifacts=artifacts, leftovers=leftovers)
+        _let_others_in()
+
+
+def _let_others_in() -> None:
+    time.sleep(_PAUSE_SECONDS)
+
+
+def _remove(store: Store, headers: list[Header], still_held: Callable[[], None]) -> list[Header]:
+    """Remove artifacts one after the other until the time is over; returns those that are gone."""
+    end = time.monotonic() + HOLD_SECONDS
+    for count, header in enumerate(headers):
+        if count and time.monotonic() > end:
+            return headers[:count]
+        still_held()  # the disk may have been slow enough for a writer to take the lock over
+        store.unlink(header.id)
+    return headers
+
+
+def _remove_leftovers(leftovers: list[Leftover]) -> None:
+    for leftover in leftovers:
+        with storage_errors(f"remove {leftover.path}"):
+            leftover.path.unlink(missing_ok=True)
+    for folder in {leftover.path.parent for leftover in leftovers}:
+        with storage_errors(f"flush {folder}"):
+            sync_folder(folder)
+
+
+def _left_behind(store: Store, headers: Iterable[Header]) -> tuple[list[Leftover], list[Path]]:
+    """Files of no more use, and checkpoints that are."""
+    finished = {(header.id.name, header.kind, header.inputs_sha256[:12]) for header in headers}
+    leftovers, unfinished = [], []
+    for path in listing.look(store.root).hidden:
+        found = _CHECKPOINT.fullmatch(path.name)
+        if found and (path.parent.name, found["kind"], found["inputs"]) not in finished:
+            unfinished.append(path)
+        elif why := _why(path, bool(found)):
+            leftovers.append(Leftover(path, _bytes(path), why))
+    return leftovers, unfinished
+
+
+def _why(path: Path, finished: bool) -> str:
+    """Why a hidden file is of no more use; "" where it may be."""
+    if finished:
+        return "checkpoint of a finished training" if _age(path) > GRACE_SECONDS else ""
+    killed = is_left_over(path) if path.name.startswith(TEMPORARY) else False
+    drawn = _DRAWING.fullmatch(path.name) and _age(path) > LEFT_OVER_SECONDS
+    return "left by a process that was killed" if killed or drawn else ""
+
+
+def _age(path: Path) -> float:
+    """Seconds since a file was last written, or until then where its time lies ahead; 0 when it has gone meanwhile."""
+    try:
+        return abs(time.time() - path.lstat().st_mtime)
+    except FileNotFoundError:
+        return 0.0
+
+
+def _bytes(path: Path) -> int:
+    try:
+        return path.lstat().st_size
+    except FileNotFoundError:
+        return 0
 
 
 def _newest(known: Iterable[ArtifactId], keep: int) -> list[ArtifactId]:
@@ -111,9 +177,15 @@ def _with_ancestors(known: Mapping[ArtifactId, Header], ids: Iterable[ArtifactId
     return found
 
 
-def _hidden(root: Path) -> list[Path]:
-    """Files that begin with a dot, in the store's folder and in those of its names."""
-    if not root.exists():
-        return []
-    folders = [root, *(folder for folder in root.iterdir() if folder.is_dir() and not folder.name.startswith("."))]
-    return sorted(path for folder in folders for path in folder.glob(".*") if path.is_file() and not path.is_symlink())
+def _children_first(going: Mapping[ArtifactId, Header]) -> list[Header]:
+    """In an order in which nothing goes before what was made from it; circles, which only damage can make, last."""
+    parents = {one: {parent.id for parent in header.parents} & going.keys() for one, header in going.items()}
+    children = Counter(parent for each in parents.values() for parent in each)
+    ordered = [one for one in reversed(list(going)) if not children[one]]
+    for one in ordered:  # grows meanwhile
+        for parent in parents[one]:
+            children[parent] -= 1
+            if not children[parent]:
+                ordered.append(parent)
+    done = set(ordered)
+    return [going[one] for one in [*ordered, *(one for one in going if one not in done)]]

@@ -117,7 +117,7 @@ def _write_hdf5(contents: Contents, labels: Labels, block_size: int, gzip: bool)
     return buffer
 
 
-def peek(path: Path) -> dict[str, Any]:
+def peek(path: Path | str) -> dict[str, Any]:
     """The header alone, a few kilobytes of the file.
 
     Raises:
@@ -125,6 +125,16 @@ def peek(path: Path) -> dict[str, Any]:
     """
     with _opened(path) as file:
         return _header(file)[0]
+
+
+def may_mention(path: Path | str, text: str) -> bool:
+    """Whether the header of a file may hold this JSON string; False only where it does not.
+
+    Raises:
+        StoreError: the file cannot be read.
+    """
+    with _opened(path) as file:
+        return block.may_mention(file, text)
 
 
 def unpack(path: Path, check: Check) -> tuple[dict[str, Any], Contents]:
@@ -171,7 +181,7 @@ def _read_elsewhere(file: BinaryIO, stored: int, compare: Compare) -> Contents:
 
 
 @contextmanager
-def reading(path: Path) -> Iterator[None]:
+def reading(path: Path | str) -> Iterator[None]:
     """Turn whatever is found wrong with a file while reading it into one StoreError."""
     try:
         yield
@@ -181,12 +191,12 @@ def reading(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[BinaryIO]:
+def _opened(path: Path | str) -> Iterator[BinaryIO]:
     with reading(path), open_regular(path) as file:
         yield file
 
 
-def open_regular(path: Path) -> BinaryIO:
+def open_regular(path: Path | str) -> BinaryIO:
     """Open a file for reading; a pipe, which would wait for ever, and whatever else is not a plain file is refused.
 
     Raises:

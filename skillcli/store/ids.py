@@ -11,6 +11,8 @@ from skillcli.errors import StoreError
 STAGES = ("pretrain", "embed-means", "compose", "transfer-eval")
 """Every stage writes one kind of artifact, called after it."""
 
+LAST_VERSION = 999_999_999
+
 NAME = r"(?!.*\.\.)[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
 FILE = rf"(?P<stage>{'|'.join(STAGES)})-v(?P<version>[1-9][0-9]{{0,8}})"
 

@@ -1,4 +1,8 @@
-"""One lock per store, a file of our own: advisory locks of the system are missing on many network file systems.
+"""One lock per store: a symbolic link `.lock` that leads nowhere, whose target is the owner in a few letters.
+
+A link appears together with its text or not at all, and only where there is none: nobody sees a lock without an owner, not
+even after a kill. It takes no block of the disk, so that a full one can be locked for removing something. Where links cannot
+be made, it is a file with the same text. Advisory locks of the system are missing on many network file systems.
 
 It is held for the moments in which names appear or vanish, never while anything is computed. Whoever dies inside leaves
 it behind; on the same machine that is seen and put right at once, elsewhere after `ABANDONED_SECONDS` without a change.
@@ -9,54 +13,75 @@ from __future__ import annotations
 
 import errno
 import fcntl
-import json
 import os
 import random
+import re
 import secrets
-import shlex
-import sys
+import stat
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from skillcli.errors import StoreError
 from skillcli.store.atomic import make_folder, storage_errors
-from skillcli.store.process import is_running, machine, started
+from skillcli.store.process import boot_tag, booted, host_tag, is_running, machine_tag, started
 
 LOCK = ".lock"
 PATIENCE_SECONDS = 10.0  # of a person who removes or imports something
 ABANDONED_SECONDS = 120.0  # nobody holds the lock a tenth as long
 
-_UNKNOWN = "an unknown process"
+_LONGEST = 59  # bytes: ext4 keeps a target as long as this in the inode, most others keep more
+_OWNER = re.compile(
+    r"skill:(?P<token>[0-9a-f]{6}):(?P<host>[0-9a-f]{6}|):(?P<boot>[0-9a-f]{4}):(?P<machine>[0-9a-f]{8}):"
+    r"(?P<pid>[1-9a-f][0-9a-f]{0,7}):(?P<started>[0-9a-f]{0,16}):(?P<name>[A-Za-z0-9._-]*)",
+    re.ASCII,
+)
+_given_up: set[str] = set()  # locks of this process that are no longer held, only removing them failed
+_NO_LINKS = (errno.EPERM, errno.ENOSYS, errno.EOPNOTSUPP)  # FAT and some network file systems
 
 
 @dataclass(frozen=True)
 class Owner:
-    """Who holds a lock, as it is written into the file."""
+    """Who holds a lock."""
 
-    token: str
-    host: str
-    machine: str
+    host: str  # tag of the machine, "" where it has none
+    boot: str  # tag of its last start then
+    machine: str  # tag of both, and of the space of process numbers: containers have their own
     pid: int
-    started: str
-    command: str
-    since: float  # seconds since 1970, the owner's clock
+    started: str  # the kernel's clock ticks, hexadecimal; "" where unknown
+    name: str  # beginning of the machine's name
+    since: float  # seconds since 1970, by the clock of the file system
 
     def __str__(self) -> str:
         """As it stands in messages."""
         age = max(0.0, time.time() - self.since)
-        return f"process {self.pid} on {self.host} since {age:.0f} s ({self.command})"
+        return f"process {self.pid} on {self.name or 'another machine'} since {age:.0f} s"
+
+    @property
+    def here(self) -> bool:
+        """Whether it is a process of this machine, whose end can be seen."""
+        return self.machine == machine_tag()
 
     @property
     def gone(self) -> bool:
-        """Whether the process is known to have ended, which only its own machine can tell."""
-        return self.machine == machine() and not is_running(self.pid, self.started)
+        """Whether the process is known to have ended: it is not running here, or this machine has started since."""
+        if self.here:
+            return not is_running(self.pid, str(int(self.started, 16)) if self.started else "")
+        return bool(self.host) and self.host == host_tag() and self.boot != boot_tag() and self.since < booted()
+
+
+class _Seen(NamedTuple):
+    """A lock as it is found."""
+
+    text: str
+    owner: Owner | None  # None: nothing legible
 
 
 @contextmanager
-def locked(root: Path, *, take_over: bool = False, patience: float | None = None) -> Iterator[None]:
+def locked(root: Path, *, take_over: bool = False, patience: float | None = None) -> Iterator[Callable[[], None]]:
     """Hold the lock of the store at `root`.
 
     Args:
@@ -64,78 +89,111 @@ def locked(root: Path, *, take_over: bool = False, patience: float | None = None
         take_over: for work that must not be lost: after `ABANDONED_SECONDS` of the same owner, take the lock from it.
         patience: seconds to wait for one owner otherwise; `PATIENCE_SECONDS` where none are given.
 
+    Yields:
+        A function that raises a StoreError once somebody else has taken the lock over.
+
     Raises:
-        StoreError: somebody else keeps it, or the folder cannot be written.
+        StoreError: somebody else keeps it, what lies there is no lock, or the folder cannot be written.
     """
     path = root / LOCK
     with storage_errors(f"lock {root}"):
         make_folder(root)
         waiting = PATIENCE_SECONDS if patience is None else patience
-        token = _acquire(path, take_over, ABANDONED_SECONDS if take_over else waiting)
+        text = _acquire(path, take_over, ABANDONED_SECONDS if take_over else waiting)
+
+    def check() -> None:
+        with storage_errors(f"look at {path}"):
+            if _text(path) != text:
+                raise StoreError(f"the lock of {root} was taken over meanwhile", "the disk is slow: run it again")
+
     try:
-        yield
+        yield check
     finally:
-        with suppress(OSError):  # what was done under the lock is done; a lock left behind is found to be stale
-            if _token(path) == token:
+        try:
+            if _text(path) == text:
                 path.unlink()
+        except (OSError, StoreError):  # what was done under the lock is done; whoever comes next finds it left behind
+            _given_up.add(text)
 
 
 def read_owner(path: Path) -> Owner | None:
-    """The owner of a lock file; None where there is no lock, or nothing legible in it yet."""
-    try:
-        with path.open("rb") as file:
-            owner = Owner(**json.loads(file.read(1 << 16)))
-    except (OSError, ValueError, TypeError, RecursionError):
-        return None
-    return owner if isinstance(owner.pid, int) and isinstance(owner.since, int | float) else None
+    """The owner of a lock; None where there is no lock, or nothing legible in it.
+
+    Raises:
+        StoreError: what lies there is no lock, or cannot be read.
+    """
+    with storage_errors(f"look at {path}"):
+        seen = _look(path)
+    return seen.owner if seen else None
 
 
 def unlock(root: Path, *, force: bool = False) -> Owner | None:
     """Remove a lock that was left behind, and say whose it was.
 
     Raises:
-        StoreError: its owner is still at work here, and `force` is not given.
+        StoreError: its owner is still at work here, and `force` is not given; or what lies there is no lock.
     """
     path = root / LOCK
-    owner = read_owner(path)
-    if owner and owner.machine == machine() and not owner.gone and not force:
-        raise StoreError(f"{root} is locked by {owner}, which is still running", "wait for it, or give --force")
     with storage_errors(f"unlock {root}"):
-        _break(path, owner.token if owner else "")
+        seen = _look(path)
+        if seen is None:
+            return None
+        owner = seen.owner
+        if owner and owner.here and not owner.gone and not force:
+            raise StoreError(f"{root} is locked by {owner}, which is still running", "wait for it, or give --force")
+        _break(path, seen.text)
     return owner
 
 
 def _acquire(path: Path, take_over: bool, patience: float) -> str:
-    """Create the lock file, waiting for others; returns the token in it."""
-    mine = Owner(
-        secrets.token_hex(8), os.uname().nodename, machine(), os.getpid(), started(os.getpid()),
-        shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])[:200], time.time(),
-    )  # fmt: skip
-    seen, since = "", time.monotonic()
-    while not _create(path, mine):
-        owner = read_owner(path)
-        token = owner.token if owner else ""
-        if token != seen:
-            seen, since = token, time.monotonic()
+    """Make the lock, waiting for others; returns its text."""
+    text = _mine()
+    before, since = "", time.monotonic()
+    while not _create(path, text):
+        seen = _look(path)
+        if seen is None:
+            continue
+        if seen.text != before:
+            before, since = seen.text, time.monotonic()
         waited = time.monotonic() - since
-        if (owner and owner.gone) or (waited > patience and take_over):
-            _break(path, token)
+        if (seen.owner and seen.owner.gone) or seen.text in _given_up or (waited > patience and take_over):
+            _break(path, seen.text)
         elif waited > patience:
             hint = "wait for it; `skill unlock` removes the lock of a process that has ended"
-            raise StoreError(f"{path.parent} is locked by {owner or _UNKNOWN}", hint)
+            raise StoreError(f"{path.parent} is locked by {seen.owner or 'an unknown process'}", hint)
         else:
             time.sleep(random.uniform(0.001, 0.02))
-    return mine.token
+    return text
 
 
-def _create(path: Path, owner: Owner) -> bool:
-    """Make the lock file with its owner in it; False when there is one."""
+def _mine() -> str:
+    pid = os.getpid()
+    ticks = started(pid)
+    fields = [secrets.token_hex(3), host_tag(), boot_tag(), machine_tag(), f"{pid:x}", f"{int(ticks):x}" if ticks else ""]
+    name = re.sub(r"[^A-Za-z0-9._-]", "", os.uname().nodename)
+    return f"skill:{':'.join(fields)}:{name}"[:_LONGEST]
+
+
+def _create(path: Path, text: str) -> bool:
+    """Make the lock; False when there is one."""
+    try:
+        os.symlink(text, path)  # noqa: PTH211 - the text is no path
+    except FileExistsError:
+        return False
+    except OSError as error:
+        if error.errno not in _NO_LINKS:
+            raise
+        return _create_file(path, text)
+    return True
+
+
+def _create_file(path: Path, text: str) -> bool:
     try:
         handle = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644)
     except FileExistsError:
         return False
     try:
-        os.write(handle, json.dumps(asdict(owner)).encode())
+        os.write(handle, text.encode())
     except OSError:
         path.unlink()  # a full disk must not leave a lock that nobody owns
         raise
@@ -144,27 +202,70 @@ def _create(path: Path, owner: Owner) -> bool:
     return True
 
 
-def _token(path: Path) -> str:
-    owner = read_owner(path)
-    return owner.token if owner else ""
+def _look(path: Path) -> _Seen | None:
+    """The lock that is there, or None.
 
-
-def _break(path: Path, token: str) -> None:
-    """Remove the lock with this token, never one that was taken since.
-
-    Those who break locks exclude each other by a lock of the system on the file itself: whoever holds it and still finds
-    the same file under the name may remove it.
+    Raises:
+        StoreError: what is there is something else, which is not ours to wait for or to remove.
+        OSError: it cannot be read.
     """
     try:
-        file = path.open("r+b")
+        since = path.lstat().st_mtime
     except FileNotFoundError:
-        return
-    with file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX)
-        except OSError as error:
-            if error.errno not in (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS):
-                raise
-        with suppress(FileNotFoundError):
-            if os.path.samestat(os.fstat(file.fileno()), path.stat()) and _token(path) == token:
-                path.unlink()
+        return None
+    text = _text(path)
+    if text is None:  # gone meanwhile
+        return None
+    found = _OWNER.fullmatch(text)
+    if not found:
+        return _Seen(text, None)
+    own = {key: found[key] for key in ("host", "boot", "machine", "started", "name")}
+    return _Seen(text, Owner(pid=int(found["pid"], 16), since=since, **own))
+
+
+def _text(path: Path) -> str | None:
+    """What a lock says; None where there is none.
+
+    Raises:
+        StoreError: what is there is no lock.
+        OSError: it cannot be read.
+    """
+    try:
+        mode = path.lstat().st_mode
+        if stat.S_ISREG(mode):
+            return _read(path)
+        text = os.readlink(path) if stat.S_ISLNK(mode) else ""  # noqa: PTH115 - no path
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        if error.errno in (errno.EINVAL, errno.ELOOP):  # another kind of lock meanwhile
+            return None
+        raise
+    if not _OWNER.fullmatch(text):
+        found = f"a link to {text!r}" if text else "a folder" if stat.S_ISDIR(mode) else "a pipe or a device"
+        raise StoreError(f"expected a lock of skill at {path}, found {found}", "move it away")
+    return text
+
+
+def _read(path: Path) -> str:
+    handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        return os.read(handle, 1 << 12).decode("ascii", "replace")
+    finally:
+        os.close(handle)
+
+
+def _break(path: Path, text: str) -> None:
+    """Remove the lock with this text, never one that was taken since.
+
+    Those who break locks exclude each other by a lock of the system on the folder: whoever holds it and still finds the
+    same text may remove it.
+    """
+    handle = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        with suppress(OSError):  # missing on some network file systems: there the moment between the two lines is unguarded
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        if _text(path) == text:
+            path.unlink(missing_ok=True)
+    finally:
+        os.close(handle)

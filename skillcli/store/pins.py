@@ -10,13 +10,12 @@ FOLDER = ".pins"
 
 
 def is_pinned(path: Path) -> bool:
-    """Whether the artifact in this file is pinned."""
+    """Whether the artifact in this file is pinned.
+
+    Raises:
+        OSError: that cannot be seen.
+    """
     return _pin(path).exists()
-
-
-def all_pins(root: Path) -> list[str]:
-    """Every pin in the store at `root`, as `NAME/STAGE-vN`."""
-    return [f"{path.parent.parent.name}/{path.name}" for path in root.glob(f"*/{FOLDER}/*-v*")]
 
 
 def pin(path: Path) -> None:

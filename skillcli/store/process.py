@@ -3,26 +3,47 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
+import time
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+
+_BOOT_ID = "/proc/sys/kernel/random/boot_id"
 
 
 @cache
 def machine() -> str:
     """This host, since its last start, in its own space of process numbers (a container has its own)."""
-    parts = [os.uname().nodename, "", ""]
+    space = ""
     with suppress(OSError):
-        parts[1] = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
-    with suppress(OSError):
-        parts[2] = str(Path("/proc/self/ns/pid").readlink())
-    return " ".join(parts)
+        space = str(Path("/proc/self/ns/pid").readlink())
+    return f"{os.uname().nodename} {_text(_BOOT_ID)} {space}"
 
 
 def machine_tag() -> str:
     """The machine as eight hexadecimal digits, for the names of files."""
-    return hashlib.sha256(machine().encode()).hexdigest()[:8]
+    return _digits(machine(), 8)
+
+
+def host_tag() -> str:
+    """This host, whatever its starts, as six hexadecimal digits; "" where it has no identity that outlives them."""
+    identity = _text("/etc/machine-id")
+    return _digits(f"{os.uname().nodename} {identity}", 6) if identity else ""
+
+
+def boot_tag() -> str:
+    """The last start of this machine as four hexadecimal digits."""
+    return _digits(_text(_BOOT_ID), 4)
+
+
+def booted() -> float:
+    """When this machine last started, seconds since 1970 by its present clock; -inf where that cannot be known."""
+    try:
+        return time.time() - time.clock_gettime(time.CLOCK_BOOTTIME)
+    except (AttributeError, OSError):
+        return -math.inf
 
 
 def started(pid: int) -> str:
@@ -42,6 +63,18 @@ def is_running(pid: int, since: str = "") -> bool:
     if _stat(pid)[:1] in (["Z"], ["X"]):  # ended, only its parent has not looked yet
         return False
     return not since or started(pid) in (since, "")
+
+
+def _text(path: str) -> str:
+    """A short file of the system's; "" where there is none."""
+    try:
+        return Path(path).read_text().strip()
+    except OSError:
+        return ""
+
+
+def _digits(text: str, count: int) -> str:
+    return hashlib.sha256(text.encode(errors="replace")).hexdigest()[:count]
 
 
 def _stat(pid: int) -> list[str]:

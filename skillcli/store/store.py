@@ -3,31 +3,21 @@
 from __future__ import annotations
 
 import os
-import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 from skillcli.errors import StoreError, UnknownArtifact
-from skillcli.store import atomic, codec, pins, schema
+from skillcli.store import atomic, codec, container, listing, pins, schema
 from skillcli.store.artifact import Artifact, Draft, Header, Parent, Unreadable, content_hash
 from skillcli.store.atomic import storage_errors
-from skillcli.store.ids import FILE, NAME, ArtifactId, check_name
+from skillcli.store.ids import STAGES, ArtifactId, check_name
+from skillcli.store.listing import Listing
 from skillcli.store.lock import locked
 from skillcli.store.migrate import migrated
 from skillcli.store.resolve import match, unknown
-
-_FOLDER = re.compile(NAME, re.ASCII)
-_FILE = re.compile(rf"{FILE}\.h5", re.ASCII)
-
-
-class Listing(NamedTuple):
-    """Everything in a store: the artifacts, newest last, and the files that are not whole."""
-
-    headers: list[Header]
-    unreadable: list[Unreadable]
 
 
 @dataclass(frozen=True)
@@ -55,12 +45,21 @@ class Store:
         version = atomic.claim_version(self.root / check_name(draft.name), draft.kind)
         return self.put(codec.finish(draft, version, parents), parents)
 
-    def put(self, artifact: Artifact, needed: Sequence[Parent] = ()) -> Artifact:
+    def put(
+        self,
+        artifact: Artifact,
+        needed: Sequence[Parent] = (),
+        *,
+        admit: Callable[[], None] = lambda: None,
+        replace: bool = False,
+    ) -> Artifact:
         """Keep a finished artifact under its own id, whose version the caller has claimed.
 
         Args:
             artifact: what to keep.
             needed: must still be in the store, unchanged, when the artifact gets its name.
+            admit: called under the lock before that; may raise to refuse it.
+            replace: whether a file with this id may be replaced.
 
         Raises:
             StoreError: as `write`.
@@ -72,16 +71,18 @@ class Store:
                 raise StoreError(f"{artifact.id} read back differs from what was written", "check the disk")
             return written
 
-        naming = self._naming(artifact.id, needed)
-        return atomic.write_atomically(self.path(artifact.id), codec.encode(artifact), check, naming=naming)
+        naming, path = self._naming(artifact.id, needed, admit), self.path(artifact.id)
+        return atomic.write_atomically(path, codec.encode(artifact), check, replace=replace, naming=naming)
 
     @contextmanager
-    def _naming(self, artifact_id: ArtifactId, needed: Sequence[Parent]) -> Iterator[None]:
+    def _naming(self, artifact_id: ArtifactId, needed: Sequence[Parent], admit: Callable[[], None]) -> Iterator[None]:
         """Hold the lock while an artifact gets its name: nobody removes its parents in that moment."""
-        with locked(self.root, take_over=True):
+        with locked(self.root, take_over=True) as still_held:
             for parent in needed:
-                if problem := self._parent_problem(parent):
-                    raise StoreError(f"cannot write {artifact_id}: {problem}", "it was removed meanwhile: make it anew")
+                if problem := self.parent_problem(parent):
+                    raise StoreError(f"cannot write {artifact_id}: {problem}", "it was removed meanwhile: do it again")
+            admit()
+            still_held()
             yield
 
     def migrate(self, artifact_id: ArtifactId, command: str) -> Artifact:
@@ -104,8 +105,8 @@ class Store:
         header = self.header(artifact_id)
         if not schema.is_older(header.kind, header.schema_version):
             return artifact_id
-        series = [one for one in self.ids() if one.series == artifact_id.series and one.version > artifact_id.version]
-        return next((one for one in reversed(series) if self._origin(one) == header.content_sha256), artifact_id)
+        later = [one for one in reversed(self.versions(artifact_id)) if one.version > artifact_id.version]
+        return next((one for one in later if self._origin(one) == header.content_sha256), artifact_id)
 
     def _origin(self, artifact_id: ArtifactId) -> str:
         """Content hash of what an artifact was migrated from, "" for any other."""
@@ -118,9 +119,13 @@ class Store:
         """Find out before the work whether its result could be written.
 
         Raises:
-            StoreError: it could not, or the name is not valid.
+            StoreError: it could not, the name is not valid, or one of its stages has had its last version.
         """
-        atomic.try_writing(self.root / check_name(name))
+        folder = self.root / check_name(name)
+        atomic.try_writing(folder)
+        with storage_errors(f"list {folder}"):
+            for stage in STAGES:
+                atomic.next_version(folder, stage)
 
     def path(self, artifact_id: ArtifactId) -> Path:
         """The file of an artifact."""
@@ -132,8 +137,16 @@ class Store:
 
     def ids(self) -> list[ArtifactId]:
         """Every artifact there is, sorted, without opening any."""
+        return listing.look(self.root).ids
+
+    def versions(self, artifact_id: ArtifactId) -> list[ArtifactId]:
+        """Every artifact of the same NAME/STAGE, in the order of numbers."""
         with storage_errors(f"list {self.root}"):
-            return sorted(self._scan())
+            return listing.versions(self.root, artifact_id)
+
+    def strangers(self) -> list[Path]:
+        """Files and folders in the store that are neither artifacts nor kept beside them."""
+        return listing.look(self.root).strangers
 
     def resolve(self, text: str | None, kinds: Sequence[str] = ()) -> ArtifactId:
         """The artifact that a user means.
@@ -162,7 +175,8 @@ class Store:
             UnknownArtifact: there is none.
             StoreError: its header is damaged.
         """
-        return codec.read_header(self._existing(artifact_id), artifact_id)
+        self._existing(artifact_id)
+        return self._header(artifact_id)
 
     def read(self, artifact_id: ArtifactId) -> Artifact:
         """The whole artifact; a damaged or hostile file is refused before its data is used.
@@ -174,14 +188,16 @@ class Store:
         return codec.read_artifact(self._existing(artifact_id), artifact_id)
 
     def listing(self) -> Listing:
-        """All headers, newest last, and what could not be read."""
-        headers, unreadable = [], []
-        for artifact_id in self.ids():
+        """All headers, newest last, and what could not be read: files, and folders of names."""
+        names = listing.look(self.root)
+        headers, unreadable = [], list(names.closed)
+        for artifact_id in names.ids:
             try:
-                headers.append(codec.read_header(self.path(artifact_id), artifact_id))
+                headers.append(self._header(artifact_id))
             except StoreError as error:
-                unreadable.append(Unreadable(artifact_id, error.message))
-        return Listing(sorted(headers, key=_age), unreadable)
+                if os.path.lexists(self.path(artifact_id)):  # not removed meanwhile
+                    unreadable.append(Unreadable(artifact_id, error.message))
+        return Listing(listing.newest_last(headers), unreadable)
 
     def headers(self) -> list[Header]:
         """The headers of all readable artifacts, newest last."""
@@ -202,18 +218,18 @@ class Store:
         Raises:
             StoreError: the artifact itself is not there or damaged.
         """
-        found: list[ArtifactId] = []
-        pending = [parent.id for parent in self.header(artifact_id).parents]
+        found: dict[ArtifactId, None] = {}
+        pending = deque(parent.id for parent in self.header(artifact_id).parents)
         while pending:
-            ancestor = pending.pop(0)
+            ancestor = pending.popleft()
             if ancestor not in found:
-                found.append(ancestor)
+                found[ancestor] = None
                 pending += [parent.id for parent in self._parents(ancestor)]
-        return found
+        return list(found)
 
     def dependents(self, artifact_id: ArtifactId) -> list[ArtifactId]:
-        """The artifacts that were made directly from this one, oldest first."""
-        return [header.id for header in self.headers() if artifact_id in [parent.id for parent in header.parents]]
+        """The artifacts that were made directly from this one, oldest first, as far as their headers can be read."""
+        return self._dependents(artifact_id, lambda _: False)
 
     def verify(self, artifact_id: ArtifactId) -> list[str]:
         """What is wrong with an artifact, one line each; nothing when it is as it was written.
@@ -226,10 +242,32 @@ class Store:
             artifact = codec.read_artifact(path, artifact_id, older=True)
         except StoreError as error:
             return [error.message]
-        problems = [self._parent_problem(parent) for parent in artifact.parents]
+        problems = [self.parent_problem(parent) for parent in artifact.parents]
         if content_hash(artifact) != artifact.content_sha256:
             problems.append(f"the content hash of {artifact_id} is not that of its content")
         return [problem for problem in problems if problem]
+
+    def verify_all(self) -> dict[ArtifactId | str, list[str]]:
+        """What is wrong with each artifact, and with folders of names that cannot be listed; what goes meanwhile is left out.
+
+        Raises:
+            StoreError: the store's folder itself cannot be listed.
+        """
+        names = listing.look(self.root)
+        problems: dict[ArtifactId | str, list[str]] = {one.id: [one.problem] for one in names.closed}
+        for artifact_id in names.ids:
+            with suppress(UnknownArtifact):
+                problems[artifact_id] = self.verify(artifact_id)
+        return problems
+
+    def parent_problem(self, parent: Parent) -> str:
+        """Why an artifact cannot stand for what another was made from; "" where it is what it was then."""
+        try:
+            found = self.header(parent.id).content_sha256
+        except StoreError as error:
+            return f"parent {parent.id}: {error.message}"
+        recorded = parent.content_sha256
+        return "" if found == recorded else f"parent {parent.id} is now {found[:12]}, recorded was {recorded[:12]}"
 
     def remove(self, artifact_id: ArtifactId) -> None:
         """Delete an artifact; its version number stays taken.
@@ -239,13 +277,15 @@ class Store:
             StoreError: it is pinned, others were made from it, the store is locked, or the disk refuses.
         """
         self._existing(artifact_id)
-        with locked(self.root):
-            path = self._existing(artifact_id)
-            if pins.is_pinned(path):
+        with locked(self.root) as still_held:
+            with storage_errors(f"look at the pins of {artifact_id}"):
+                pinned = pins.is_pinned(self._existing(artifact_id))
+            if pinned:
                 raise StoreError(f"cannot remove {artifact_id}: it is pinned", f"`skill unpin {artifact_id}` first")
-            if dependents := self.dependents(artifact_id):
-                names = ", ".join(map(str, dependents[:5])) + (" and more" if len(dependents) > 5 else "")
+            if needing := self._needing(artifact_id):
+                names = ", ".join(map(str, needing[:5])) + (" and more" if len(needing) > 5 else "")
                 raise StoreError(f"cannot remove {artifact_id}: made from it: {names}", "remove those first")
+            still_held()
             self.unlink(artifact_id)
 
     def pin(self, artifact_id: ArtifactId, wanted: bool = True) -> None:
@@ -261,8 +301,7 @@ class Store:
 
     def pinned(self) -> set[ArtifactId]:
         """Every artifact that is pinned."""
-        wanted = set(pins.all_pins(self.root))
-        return {one for one in self.ids() if str(one) in wanted} if wanted else set()
+        return listing.look(self.root).pinned
 
     def unlink(self, artifact_id: ArtifactId) -> None:
         """Delete the file of an artifact, without a question; the caller holds the lock.
@@ -272,23 +311,47 @@ class Store:
         """
         path = self.path(artifact_id)
         with storage_errors(f"remove {path}"):
-            atomic.keep_claim(path.parent, path.stem)
-            path.unlink()
-            atomic.sync_folder(path.parent)
+            atomic.remove_claimed(path)
 
-    def _scan(self) -> Iterator[ArtifactId]:
-        if not self.root.exists():
-            return
-        for folder in os.scandir(self.root):
-            if _FOLDER.fullmatch(folder.name) and folder.is_dir():
-                for entry in os.scandir(folder.path):
-                    if found := _FILE.fullmatch(entry.name):
-                        yield ArtifactId(folder.name, found["stage"], int(found["version"]))
+    def _dependents(self, artifact_id: ArtifactId, grave: Callable[[StoreError], bool]) -> list[ArtifactId]:
+        """What was made from an artifact; of what is wrong with other headers, only what is `grave` is raised."""
+        found = []
+        for one in self.ids():
+            try:
+                if container.may_mention(self._file(one), str(artifact_id)):
+                    found.append(self._header(one))
+            except StoreError as error:
+                if grave(error):
+                    raise
+        made = [header for header in found if artifact_id in [parent.id for parent in header.parents]]
+        return [header.id for header in listing.newest_last(made)]
+
+    def _needing(self, artifact_id: ArtifactId) -> list[ArtifactId]:
+        """What was made from an artifact; in a circle, which only damage can make, nothing counts as made from another."""
+        dependents = self._dependents(artifact_id, atomic.is_disk_failure)
+        circle = {artifact_id, *self._ancestors(artifact_id)} if dependents else set()
+        return [one for one in dependents if one not in circle]
+
+    def _ancestors(self, artifact_id: ArtifactId) -> list[ArtifactId]:
+        try:
+            return self.lineage(artifact_id)
+        except StoreError:
+            return []
+
+    def _header(self, artifact_id: ArtifactId) -> Header:
+        return codec.read_header(self._file(artifact_id), artifact_id)
+
+    def _file(self, artifact_id: ArtifactId) -> str:
+        """The file of an artifact as plain text: thousands are opened at a time."""
+        return f"{self.root}/{artifact_id}.h5"
 
     def _existing(self, artifact_id: ArtifactId) -> Path:
         path = self.path(artifact_id)
-        if not os.path.lexists(path):
-            raise unknown(str(artifact_id), self.ids())
+        with storage_errors(f"read {path}"):
+            try:
+                path.lstat()
+            except (FileNotFoundError, NotADirectoryError):
+                raise unknown(str(artifact_id), self.ids()) from None
         return path
 
     def _parents(self, artifact_id: ArtifactId) -> tuple[Parent, ...]:
@@ -296,15 +359,3 @@ class Store:
             return self.header(artifact_id).parents
         except StoreError:
             return ()
-
-    def _parent_problem(self, parent: Parent) -> str:
-        try:
-            found = self.header(parent.id).content_sha256
-        except StoreError as error:
-            return f"parent {parent.id}: {error.message}"
-        recorded = parent.content_sha256
-        return "" if found == recorded else f"parent {parent.id} is now {found[:12]}, recorded was {recorded[:12]}"
-
-
-def _age(header: Header) -> tuple[str, int, ArtifactId]:
-    return header.created_utc, header.id.version, header.id

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import subprocess
@@ -117,6 +116,10 @@ def test_gc_shows_first_and_keeps_pins(store: Path) -> None:
     made("--store", store, "migrate", "reference-point/compose")
     (store / "tiny" / ".tmp-x-00000000-1-ff.h5").write_bytes(b"123")
     os.utime(store / "tiny" / ".tmp-x-00000000-1-ff.h5", (0, 0))
+    os.utime(store / "reference-point" / "compose-v1.h5")
+    assert made("--store", store, "gc")["young"] == ["reference-point/compose-v1"]
+    assert "made within the last hour: 1" in said(store, "gc")
+    os.utime(store / "reference-point" / "compose-v1.h5", (0, 0))
     before = files(store)
     shown = made("--store", store, "gc")
     assert [one["id"] for one in shown["artifacts"]] == ["reference-point/compose-v1"] and len(shown["leftovers"]) == 1
@@ -148,8 +151,7 @@ def test_export_and_import_move_a_chain(store: Path, tmp_path: Path, monkeypatch
 
 def test_a_lock_that_was_left_behind_is_explained_and_removed(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("skillcli.store.lock.PATIENCE_SECONDS", 0.01)
-    owner = {"token": "t", "host": "far", "machine": "m", "pid": 7, "started": "1", "command": "skill gc", "since": 0.0}
-    (store / ".lock").write_text(json.dumps(owner))
+    (store / ".lock").symlink_to("skill:aaaaaa:bbbbbb:cccc:dddddddd:7:1:far")
     refused = skill("--store", store, "--json", "rm", "tiny/transfer-eval-v1")
     assert refused.code == 1 and "process 7 on far" in refused.json["error"]["message"]
     assert "skill unlock" in refused.json["error"]["hint"]

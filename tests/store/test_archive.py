@@ -2,19 +2,35 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import os
 import shutil
 import tarfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from skillcli.errors import StoreError
-from skillcli.store import ArtifactId, Draft, Store, export, import_file
+from skillcli.store import (
+    ArtifactId,
+    Draft,
+    Parent,
+    Store,
+    archive,
+    atomic,
+    codec,
+    collect_garbage,
+    export,
+    import_file,
+)
+from skillcli.store.process import machine_tag
+from tests.store.test_collect import with_parents
 
 Make = Callable[..., Draft]
 
@@ -200,3 +216,142 @@ def test_what_is_no_export_is_refused(other: Store, tmp_path: Path) -> None:
     path.unlink()
     os.mkfifo(path)
     assert "not a file" in refused(other, path)
+
+
+def test_a_single_file_needs_what_it_was_made_from(
+    store: Store, other: Store, line: list[ArtifactId], exported: Path, tmp_path: Path
+) -> None:
+    child = Path(shutil.copy(store.path(line[1]), tmp_path / "child.h5"))
+    with pytest.raises(StoreError, match=r"run/embed-means-v1 was made from run/pretrain-v1, which is neither") as caught:
+        import_file(other, child)
+    assert other.ids() == [] and "skill export" in caught.value.hint
+    import_file(other, store.path(line[0]))
+    assert [one.id for one in import_file(other, child)] == [line[1]]
+    assert other.verify(line[1]) == []
+
+
+def test_a_single_file_finds_its_parent_under_another_number(
+    store: Store, other: Store, make: Make, line: list[ArtifactId]
+) -> None:
+    other.write(make("pretrain", seed=5))
+    import_file(other, store.path(line[0]))
+    import_file(other, store.path(line[1]))
+    assert [str(parent.id) for parent in other.header(line[1]).parents] == ["run/pretrain-v2"]
+
+
+def test_parents_of_what_is_being_imported_are_needed(
+    other: Store, make: Make, exported: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither collected in between, though not the newest of their series, nor removed unnoticed."""
+    import_file(other, exported)
+    for one in reversed(other.ids()):
+        if one.stage != "pretrain":
+            other.path(one).unlink()
+    other.write(make("pretrain", seed=7))
+    encode = codec.encode
+
+    def meanwhile(then: Callable[[], object]) -> Callable[..., object]:
+        def encoding(artifact: Any) -> object:
+            if artifact.kind != "pretrain":
+                then()
+            return encode(artifact)
+
+        return encoding
+
+    monkeypatch.setattr(codec, "encode", meanwhile(lambda: collect_garbage(other)))
+    assert [problem for one in import_file(other, exported) for problem in other.verify(one.id)] == []
+    for one in other.ids():
+        if one.stage != "pretrain":
+            other.path(one).unlink()
+    monkeypatch.setattr(codec, "encode", meanwhile(lambda: other.path(ArtifactId("run", "pretrain", 1)).unlink()))
+    with pytest.raises(StoreError, match="no artifact 'run/pretrain-v1'"):
+        import_file(other, exported)
+
+
+def test_two_imports_at_once_keep_one_copy(other: Store, exported: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    encode = codec.encode
+
+    def twice(artifact: Any) -> object:
+        monkeypatch.setattr(codec, "encode", encode)
+        import_file(other, exported)
+        return encode(artifact)
+
+    monkeypatch.setattr(codec, "encode", twice)
+    assert not any(one.new for one in import_file(other, exported))
+    assert len(other.ids()) == 3
+
+
+@pytest.mark.parametrize("place", [200, -1])  # in the header; behind it
+def test_a_damaged_copy_is_said_and_replaced_on_request(
+    other: Store, line: list[ArtifactId], exported: Path, place: int
+) -> None:
+    import_file(other, exported)
+    path = other.path(line[1])
+    data = bytearray(path.read_bytes())
+    data[place] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(StoreError, match="run/embed-means-v1 is here, but damaged") as caught:
+        import_file(other, exported)
+    assert "skill import --replace" in caught.value.hint and path.read_bytes() == data
+    found = import_file(other, exported, replace_damaged=True)
+    assert [(one.id, one.new, one.replaced) for one in found] == [
+        (line[0], False, False), (line[1], False, True), (line[2], False, False),
+    ]  # fmt: skip
+    assert not any(one.replaced for one in import_file(other, exported, replace_damaged=True))
+    assert [problem for one in other.ids() for problem in other.verify(one)] == []
+
+
+def test_a_copy_that_the_disk_cannot_read_is_not_called_damaged(
+    other: Store, line: list[ArtifactId], exported: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import_file(other, exported)
+    real = os.open
+
+    def fail(path: Any, *more: Any, **others: Any) -> int:
+        if str(path) == str(other.path(line[0])):
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return real(path, *more, **others)
+
+    monkeypatch.setattr(os, "open", fail)
+    with pytest.raises(StoreError, match="Input/output error"):
+        import_file(other, exported, replace_damaged=True)
+    assert len(other.ids()) == 3
+
+
+def test_numbers_beyond_reach_are_not_taken_over(
+    store: Store, other: Store, make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store.write(make("pretrain", seed=1))
+    monkeypatch.setattr(atomic, "claim_version", lambda *_: 999_999_999)
+    last = store.write(make("pretrain")).id
+    monkeypatch.undo()
+    export(store, store.write(make(parents=[last])).id, tmp_path / "x.tar")
+    assert [str(one.id) for one in import_file(other, tmp_path / "x.tar")] == ["run/pretrain-v1", "run/embed-means-v1"]
+    assert other.verify(ArtifactId("run", "embed-means", 1)) == []
+    assert other.write(make("pretrain")).id.version == 2
+
+
+def test_what_was_made_from_itself_is_not_exported(
+    store: Store, line: list[ArtifactId], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Store, "_header", with_parents({line[0]: [line[1]], line[1]: [line[0]]}))
+    with pytest.raises(StoreError, match="was made from itself"):
+        export(store, line[1], tmp_path / "x.tar")
+    chain = [ArtifactId("run", "pretrain", number) for number in range(1, 3000)]
+    monkeypatch.setattr(Store, "header", lambda _, one: SimpleNamespace(parents=tuple(Parent(p, "") for p in after(one))))
+
+    def after(one: ArtifactId) -> list[ArtifactId]:
+        return [replace(one, version=one.version + 1)] if one.version < len(chain) else []
+
+    assert archive._ancestors_first(store, chain[0]) == chain[::-1]
+
+
+def test_exporting_removes_what_a_killed_export_left(store: Store, line: list[ArtifactId], tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    folder.mkdir()
+    killed = folder / f".tmp-e-{machine_tag()}-{2**22 + 1}-01234567.tar"
+    others = [folder / f".tmp-e-00000000-{2**22 + 1}-01234567.tar", folder / ".tmp-mine.tar", folder / "e.tar"]
+    for path in (killed, *others):
+        path.write_bytes(b"half")
+    export(store, line[0], folder / "new.tar")
+    assert sorted(folder.iterdir()) == sorted([*others, folder / "new.tar"])

@@ -1,8 +1,12 @@
 from __future__ import annotations
 
+import errno
+import io
+import os
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +15,9 @@ import numpy as np
 import pytest
 
 from skillcli.errors import StoreError, UnknownArtifact
-from skillcli.store import STAGES, ArtifactId, Draft, Store
+from skillcli.store import STAGES, ArtifactId, Draft, Store, block, codec, container
 from skillcli.store.provenance import git_state
+from tests.store.test_collect import with_parents
 
 Make = Callable[..., Draft]
 
@@ -252,3 +257,115 @@ def test_the_git_state_is_that_of_the_checkout(tmp_path: Path) -> None:
     (tmp_path / "code.py").write_text("2")
     assert git_state(tmp_path) == (commit, True)
     assert git_state(Path("/")) == ("", False)
+
+
+def test_within_a_series_the_number_decides_whatever_the_clock_said(
+    store: Store, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Clock(datetime):
+        year_now = 0
+
+        @classmethod
+        def now(cls, tz: Any = None) -> Clock:
+            return cls(cls.year_now, 1, 1, tzinfo=tz)
+
+    monkeypatch.setattr(codec, "datetime", Clock)
+
+    def write(year: int, **changes: Any) -> ArtifactId:
+        Clock.year_now = year
+        return store.write(make(**changes)).id
+
+    first, second, other = write(2026), write(2023), write(2024, name="other")
+    assert [header.id for header in store.headers()] == [other, first, second]
+    assert store.resolve(None) == store.resolve("run") == second
+    assert store.find("embed-means", make().inputs_sha256) == second
+    assert write(2027, name="other") == store.resolve(None)
+
+
+def test_what_is_no_artifact_is_named(store: Store, make: Make) -> None:
+    one = store.write(make()).id
+    store.pin(one)
+    assert store.strangers() == []
+    for name in ("notes.txt", "run/embed-means-v0.h5", "run/model.pt", "bad name"):
+        (store.root / name).write_text("mine")
+    (store.root / "run" / ".tmp-x").write_text("ours")
+    (store.root / "run" / "plots").mkdir()
+    found = [str(path.relative_to(store.root)) for path in store.strangers()]
+    assert sorted(found) == ["bad name", "notes.txt", "run/embed-means-v0.h5", "run/model.pt", "run/plots"]
+
+
+def test_a_name_without_room_is_said_before_the_work(store: Store, make: Make) -> None:
+    store.write(make())
+    (store.root / "run/.claims" / "embed-means-v9999999999").touch()  # not a version
+    assert store.write(make()).id.version == 2
+    (store.root / "run/.claims" / "embed-means-v999999999").touch()
+    for attempt in (lambda: store.check_writable("run"), lambda: store.write(make())):
+        with pytest.raises(StoreError, match="run/embed-means has had its last version, 999999999") as caught:
+            attempt()
+        assert "--name" in caught.value.hint
+
+
+def test_removing_works_where_nothing_can_be_written(store: Store, make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A full disk: not even an empty file can be made where the claim of a version is missing."""
+    one = store.write(make()).id
+    (store.root / "run/.claims/embed-means-v1").unlink()
+    real = os.open
+
+    def full(path: Any, flags: int, *more: Any, **others: Any) -> int:
+        if flags & os.O_CREAT:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return real(path, flags, *more, **others)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "open", full)
+        store.remove(one)
+    assert store.ids() == [] and (store.root / "run/.claims/embed-means-v1").read_bytes() == b""
+    assert store.write(make()).id.version == 2
+
+
+def test_a_circle_can_be_removed(store: Store, make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No import lets one in; a store may hold one from before."""
+    a, b, own, child = (store.write(make(name=name)).id for name in ("a", "b", "own", "child"))
+    monkeypatch.setattr(Store, "_header", with_parents({a: [b], b: [a], own: [own], child: [a]}))
+    monkeypatch.setattr(container, "may_mention", lambda *_: True)
+    assert store.lineage(a) == [b, a] and store.lineage(own) == [own]
+    with pytest.raises(StoreError, match="made from it: child/embed-means-v1"):
+        store.remove(a)
+    for one in (child, a, b, own):
+        store.remove(one)
+    assert store.ids() == []
+
+
+def test_dependents_are_found_in_any_spelling(store: Store, make: Make) -> None:
+    parent = store.write(make("pretrain")).id
+    plain, odd = (store.write(make("compose", parents=[parent])).id for _ in range(2))
+    path = store.path(odd)
+    data = path.read_bytes()
+    path.write_bytes(data.replace(b'"run/pretrain-v1"', b'"run/pretra\\u0069n-v1"', 1).replace(b"\0" * 5, b"", 1))
+    assert store.dependents(parent) == [plain, odd]
+
+
+@pytest.mark.parametrize("length", [10, 5000])
+def test_a_header_mentions_what_stands_anywhere_in_it(length: int) -> None:
+    header = {"before": "x" * length, "id": "run/pretrain-v1"}
+    block.seal(file := io.BytesIO(), header, block.block_size(header))
+    assert block.may_mention(file, "run/pretrain-v1") and not block.may_mention(file, "run/pretrain-v11")
+    assert not block.may_mention(io.BytesIO(b""), "run/pretrain-v1")
+
+
+def test_nothing_is_removed_while_the_disk_hides_what_was_made_from_it(
+    store: Store, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parent = store.write(make("pretrain")).id
+    child = store.write(make(parents=[parent])).id
+    real = os.open
+
+    def fail(path: Any, *more: Any, **others: Any) -> int:
+        if str(path) == str(store.path(child)):
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return real(path, *more, **others)
+
+    monkeypatch.setattr(os, "open", fail)
+    with pytest.raises(StoreError, match="Input/output error"):
+        store.remove(parent)
+    assert store.dependents(parent) == [] and parent in store.ids()

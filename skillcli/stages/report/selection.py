@@ -49,7 +49,7 @@ class Material:
     """What a report is made of, most wanted first."""
 
     exhibits: tuple[Exhibit, ...]
-    skipped: tuple[tuple[ArtifactId, str], ...]
+    skipped: tuple[tuple[ArtifactId | str, str], ...]
     left_out: int
 
     def find(self, kind: str, task: str = "", where: Callable[[Exhibit], bool] = lambda _: True) -> list[Exhibit]:
@@ -90,7 +90,7 @@ def select(store: Store, ids: Sequence[ArtifactId]) -> Material:
     )
 
 
-def _nothing(store: Store, skipped: Sequence[tuple[ArtifactId, str]]) -> None:
+def _nothing(store: Store, skipped: Sequence[tuple[ArtifactId | str, str]]) -> None:
     if skipped:
         one, problem = skipped[0]
         raise StoreError(
