@@ -156,6 +156,7 @@ def _told(domain: Domain) -> dict[str, Any]:
 
 def _domain_list(found: list[Domain]) -> Table:
     from rich.table import Table
+    from rich.text import Text
 
     from skillcli.perturbation import PARAMETERS
 
@@ -163,14 +164,14 @@ def _domain_list(found: list[Domain]) -> Table:
     for domain in found:
         table.add_section()
         changes = [f"{name} {values} {PARAMETERS[name].unit}" for name, values in domain.parameters.items()]
-        table.add_row(f"[bold]{domain.name}[/]", domain.description, "\n".join(changes))
+        table.add_row(Text(domain.name, "bold"), domain.description, "\n".join(changes))
     return table
 
 
 def _domain_sheet(domain: Domain) -> Group:
     from rich.console import Group
-    from rich.markup import escape
     from rich.table import Table
+    from rich.text import Text
 
     from skillcli.perturbation import PARAMETERS
 
@@ -179,19 +180,20 @@ def _domain_sheet(domain: Domain) -> Group:
         table.add_row(name, str(values), PARAMETERS[name].unit, PARAMETERS[name].meaning)
     untouched = [name for name in PARAMETERS if name not in domain.parameters]
     return Group(
-        f"[bold]{domain.name}[/]: {escape(domain.description)}", table, f"as in the simulation: {', '.join(untouched)}"
+        Text.assemble((domain.name, "bold"), f": {domain.description}"), table, f"as in the simulation: {', '.join(untouched)}"
     )
 
 
 def doctor(context: typer.Context) -> None:
     """Check that everything skill needs is here and works."""
     from rich.table import Table
+    from rich.text import Text
 
     session: Session = context.obj
     checks = [*_packages(), _writable(session), _physics(), ("cores", f"{os.cpu_count()}", True)]
     table = Table("what", "found", "")
     for what, found, fine in checks:
-        table.add_row(what, found, "[green]ok[/]" if fine else "[red]problem[/]")
+        table.add_row(what, found, Text("ok", "green") if fine else Text("problem", "red"))
     healthy = all(fine for _, _, fine in checks)
     listed = [{"what": what, "found": found, "ok": fine} for what, found, fine in checks]
     payload: dict[str, Any] = {"ok": healthy, "checks": listed}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skillcli.cli import complete, watching
+from skillcli.cli import complete, typed, watching
 from skillcli.cli.methods import ABOUT, MORE, ON_TARGET, ByMethod, option, settings
 from skillcli.cli.session import Session
 from skillcli.errors import UsageError
@@ -149,9 +149,9 @@ def compose(
     with session.progress() as report:
         artifact = stage(session.store, found, recipe, request, method, session.command, checked(name), report, seed, on)
     if not artifact.results["waypoints_met"]:
-        session.say(f"[yellow]the plan does not meet every waypoint[/]: {MORE[method]}")
+        session.say(f"the plan does not meet every waypoint: {MORE[method]}", "yellow")
     for broken in artifact.results["broken"]:
-        session.say(f"[yellow]the plan breaks a safety limit, so it is no success[/]: {where(broken)}")
+        session.say(f"the plan breaks a safety limit, so it is no success: {where(broken)}", "yellow")
     if artifact.results["broken"]:
         session.say(f"`skill viz {artifact.id} --open` shows it; plan without that skill, or with another --method or --goal")
     _done(session, artifact, f"skill transfer-eval {artifact.id}")
@@ -189,13 +189,11 @@ def transfer_eval(
     domains = list(dict.fromkeys(domain or recipe.transfer.domains))
     other = None
     if robot is not None:
-        from rich.markup import escape
-
         from skillcli.envs.robot import load_robot
 
         other = load_robot(robot)
         for note in other.notes:
-            session.say(escape(f"{robot}: {note}"))
+            session.say(f"{robot}: {note}")
     with session.progress() as report:
         artifact = stage(
             session.store,
@@ -258,7 +256,7 @@ def _chain(session: Session, recipe: str, seed: int, name: str | None, overrides
     session.result(
         {**reports, "png": pictures, "rrd": str(recording)},
         f"figures: {', '.join(pictures)}",
-        f"recording: {recording} (open it with `skill viz {reports['compose']['id']} --open`)",
+        typed.runnable(f"recording: {recording} (open it with `skill viz {reports['compose']['id']} --open`)"),
     )
 
 
@@ -289,6 +287,9 @@ def _numbers(text: str) -> list[float]:
 
 def _done(session: Session, artifact: Artifact, then: str) -> None:
     """Report a finished stage, and what may be done next."""
+    from rich.text import Text
+
     from skillcli.cli.tables import SHOWN
 
-    session.result(payload(artifact), SHOWN[artifact.kind](artifact), f"[dim]next: {then}[/]")
+    proposed = Text(typed.runnable(f"next: {then}"), "dim")
+    session.result(payload(artifact), SHOWN[artifact.kind](artifact), proposed)

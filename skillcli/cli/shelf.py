@@ -53,15 +53,13 @@ def list_artifacts(
     """List the artifacts, the newest last."""
     from fnmatch import fnmatchcase
 
-    from rich.markup import escape
-
     from skillcli.store import KINDS
 
     if kind and kind not in KINDS:
         raise UsageError(f"no kind {kind!r}", f"kinds: {', '.join(KINDS)}")
     first, last = _instant("--since", since), _instant("--before", before)
     session: Session = context.obj
-    found = session.store.listing()
+    found = session.filled.listing()
     chosen = [
         header
         for header in found.headers
@@ -72,7 +70,7 @@ def list_artifacts(
         and (not last or header.created_utc < last)
     ]
     for broken in found.unreadable:
-        session.say(f"[red]{broken.id}[/]: {escape(broken.problem)}")
+        session.say(f"{broken.id}: {broken.problem}", "red")
     _print_listing(session, found._replace(headers=chosen))
 
 
@@ -95,7 +93,6 @@ def _row(header: Header, pinned: bool) -> tuple[str, ...]:
 
 def _table(rows: list[tuple[str, ...]], width: int) -> RenderableType:
     """The listing in a frame; on a narrow terminal without the columns that matter less."""
-    from rich.markup import escape
     from rich.table import Table
 
     shown = list(range(len(_COLUMNS)))
@@ -107,7 +104,7 @@ def _table(rows: list[tuple[str, ...]], width: int) -> RenderableType:
     for index in shown:  # an id is never cut: it is there to be copied
         table.add_column(_COLUMNS[index], no_wrap=True, overflow="fold")
     for row in rows:
-        table.add_row(*(escape(row[index]) for index in shown))
+        table.add_row(*(row[index] for index in shown))
     return table
 
 
@@ -205,10 +202,10 @@ def verify(
     everything: Annotated[bool, typer.Option("--all", help="Every artifact of the store.")] = False,
 ) -> None:
     """Check artifacts bit by bit: file, content, schema and parents."""
-    from rich.markup import escape
+    from rich.text import Text
 
     session: Session = context.obj
-    store = session.store
+    store = session.filled if everything else session.store
     if everything and source:
         raise UsageError("verify takes an ID or --all, not both", "leave one of them out")
     found = None if everything else session.pick(source)
@@ -225,9 +222,9 @@ def verify(
             "message": f"{', '.join(bad[:3])}{' and more' if len(bad) > 3 else ''} damaged: {listed[0]}",
             "hint": "restore it from a copy, or remove it with what was made from it and make it anew",
         }
-    lines = [f"[red]{one}[/]: {escape(problem)}" for one, each in problems.items() for problem in each]
-    whole = f"[green]{found} is whole[/]" if len(ids) == 1 else f"[green]{len(ids)} artifacts are whole[/]"
-    session.result(payload, *(lines or [whole]))
+    lines = [Text.assemble((str(one), "red"), f": {problem}") for one, each in problems.items() for problem in each]
+    whole = f"{ids[0]} is whole" if len(ids) == 1 else f"{len(ids)} artifacts are whole"
+    session.result(payload, *(lines or [Text(whole, "green")]))
     if listed:
         raise typer.Exit(1)
 

@@ -22,7 +22,8 @@ from skillcli.perturbation import sample
 from skillcli.recipe import Recipe
 from skillcli.seeding import generator
 from skillcli.stages.library import TRAINED, fingerprint, skill_names
-from skillcli.stages.progress import Progress, Report, StopRequest, silent, stoppable
+from skillcli.stages.progress import Progress, Report, silent
+from skillcli.stages.stopping import StopRequest, stoppable
 from skillcli.store import Artifact, Draft, Store, load_checkpoint, remove_checkpoint, save_checkpoint
 from skillcli.trajectories import Array, Trajectories
 
