@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+
+_FENCES = re.compile("`+")
 _MARKDOWN = str.maketrans({mark: f"\\{mark}" for mark in r"\`*_{}[]()<>#+-!|&~="})
 _KEPT = "\n\t\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}\N{EN SPACE}\N{THIN SPACE}"
 
@@ -24,6 +27,13 @@ def line(text: str) -> str:
 def markdown(text: str) -> str:
     """The same in one line that Markdown takes for plain text."""
     return line(text).translate(_MARKDOWN)
+
+
+def code(text: str) -> str:
+    """The same in one line that Markdown takes for code, whatever backticks are in it."""
+    shown = line(text)
+    fence = "`" * (1 + max(map(len, _FENCES.findall(shown)), default=0))
+    return f"{fence} {shown} {fence}"
 
 
 def _written_out(mark: str) -> str:

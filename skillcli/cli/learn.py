@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,7 +12,7 @@ import typer
 from skillcli.cli import complete, typed, watching
 from skillcli.cli.methods import ABOUT, MORE, ON_TARGET, ByMethod, option, settings
 from skillcli.cli.session import Session
-from skillcli.errors import UsageError
+from skillcli.errors import Interrupted, UsageError
 
 if TYPE_CHECKING:
     from skillcli.store import Artifact
@@ -89,7 +90,8 @@ def embed_means(
     found = session.pick(source, "pretrain")
     from skillcli.stages.embed_means import embed_means as stage
 
-    artifact = stage(session.store, found, session.command, checked(name))
+    with _whole("embed-means"):
+        artifact = stage(session.store, found, session.command, checked(name))
     _done(session, artifact, f"skill compose {artifact.id} --method search")
 
 
@@ -146,7 +148,7 @@ def compose(
         session.store.read(found).recipe, [*(ON_TARGET if on and method == "search" else ()), *(overrides or ()), *chosen]
     )
     request = Request.of(recipe, task, goals, method)
-    with session.progress() as report:
+    with _whole("compose"), session.progress() as report:
         artifact = stage(session.store, found, recipe, request, method, session.command, checked(name), report, seed, on)
     if not artifact.results["waypoints_met"]:
         session.say(f"the plan does not meet every waypoint: {MORE[method]}", "yellow")
@@ -194,7 +196,7 @@ def transfer_eval(
         other = load_robot(robot)
         for note in other.notes:
             session.say(f"{robot}: {note}")
-    with session.progress() as report:
+    with _whole("transfer-eval"), session.progress() as report:
         artifact = stage(
             session.store,
             found,
@@ -227,7 +229,17 @@ def demo(
     seed: Seed = 0,
 ) -> None:
     """The main job on the Sawyer, from nothing to a recording, a figure and a table."""
-    _chain(context.obj, "reach", seed, "demo", None)
+    from skillcli.recipe import load_recipe
+
+    session: Session = context.obj
+    recipe = load_recipe("reach")
+    training, transfer = recipe.training, recipe.transfer
+    steps = training.iterations * training.simulations * recipe.task.horizon
+    session.say(
+        f"trains {len(recipe.task.goals)} skills on the Sawyer ({steps:,} control steps, most of the time), composes, runs that "
+        f"on {len(transfer.domains)} domains, draws; into {session.root / 'demo'}. Minutes: how many is said as soon as it is known"
+    )
+    _chain(session, "reach", seed, "demo", None)
 
 
 def _chain(session: Session, recipe: str, seed: int, name: str | None, overrides: list[str] | None) -> None:
@@ -283,6 +295,16 @@ def _numbers(text: str) -> list[float]:
     except ValueError:
         hint = "for example --goal 0.6,0.0,0.2 for reach, --goal 0.1,-0.1 for push"
         raise UsageError(f"--goal {text!r}: expected numbers in metres", hint) from None
+
+
+@contextmanager
+def _whole(stage: str) -> Iterator[None]:
+    """Say of a stage that is stopped that there is nothing of it."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        hint = "what it was made from is in the store; the same command starts anew"
+        raise Interrupted(f"interrupted: nothing of this {stage} was kept", hint) from None
 
 
 def _done(session: Session, artifact: Artifact, then: str) -> None:

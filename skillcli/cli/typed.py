@@ -45,5 +45,7 @@ def runnable(text: str) -> str:
 
 
 def _program() -> str:
-    called = sys.argv[0]
-    return called if Path(called).name == "skill" and not shutil.which("skill") else "skill"
+    """`skill`, or its path where that word would start another program: many systems have one that sends signals."""
+    called, found = Path(sys.argv[0]), shutil.which("skill")
+    ours = not called.is_file() or (found is not None and called.samefile(found))
+    return "skill" if ours else str(called)

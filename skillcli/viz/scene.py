@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
 
+from skillcli.plaintext import line
 from skillcli.trajectories import Array, Trajectories
+
+LONGEST = 40  # characters of a name on a figure
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,3 +61,29 @@ class Scene:
         for name, (got, expected) in counts.items():
             if got != expected:
                 raise ValueError(f"scene {self.title}: {name} has {got} rows, expected {expected}")
+
+
+def drawable(scene: Scene) -> Scene:
+    """A scene whose names can be drawn whatever they are: no line breaks, no formulas, not endless."""
+    return replace(
+        scene,
+        title=_short(scene.title),
+        skills=tuple(map(_short, scene.skills)),
+        episode_labels=tuple(map(_plain, scene.episode_labels)),
+        intervals={_plain(name): interval for name, interval in scene.intervals.items()},
+        curves={_success_of(name, scene.skills): values for name, values in scene.curves.items()},
+    )
+
+
+def _success_of(curve: str, skills: tuple[str, ...]) -> str:
+    head, _, skill = curve.partition("/")
+    return f"{head}/{_short(skill)}" if skill in skills else curve
+
+
+def _short(text: str) -> str:
+    shown = line(text)
+    return _plain(shown if len(shown) <= LONGEST else shown[: LONGEST - 1] + "…")
+
+
+def _plain(text: str) -> str:
+    return line(text).replace("$", r"\$")

@@ -41,16 +41,23 @@ def record(scene: Scene, path: Path) -> list[str]:
     Raises:
         SkillError: the file cannot be written, or does not read back.
     """
-    with replacing(path) as temporary:
-        stream = rr.RecordingStream(slug(f"skill-{scene.title}"), recording_id=uuid.uuid4())
-        try:
-            stream.save(temporary, default_blueprint=blueprint(scene))
-            _log_all(stream, scene)
-            stream.flush()
-            stream.disconnect()
-        except RuntimeError as error:  # what rerun raises when the file takes no more
-            raise SkillError(f"cannot write {path}: {error}", "choose another folder, or free some space") from error
-        return _entities(temporary)
+    with replacing(path) as (temporary,):
+        return write(scene, temporary, path)
+
+
+def write(scene: Scene, temporary: Path, path: Path) -> list[str]:
+    """As `record`, into a file that will get the name `path` later."""
+    stream = rr.RecordingStream(slug(f"skill-{scene.title}"), recording_id=uuid.uuid4())
+    try:
+        stream.save(temporary, default_blueprint=blueprint(scene))
+        _log_all(stream, scene)
+        stream.flush()
+        stream.disconnect()
+    except RuntimeError as error:  # what rerun raises when the file takes no more
+        raise SkillError(
+            f"cannot write {path}: the disk takes no more of it ({error})", "choose another folder, or free some space"
+        ) from error
+    return _entities(temporary)
 
 
 def _entities(path: Path) -> list[str]:
