@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -233,13 +234,13 @@ def demo(
 
     session: Session = context.obj
     recipe = load_recipe("reach")
-    training, transfer = recipe.training, recipe.transfer
+    began, training = time.monotonic(), recipe.training
     steps = training.iterations * training.simulations * recipe.task.horizon
     session.say(
-        f"trains {len(recipe.task.goals)} skills on the Sawyer ({steps:,} control steps, most of the time), composes, runs that "
-        f"on {len(transfer.domains)} domains, draws; into {session.root / 'demo'}. Minutes: how many is said as soon as it is known"
+        f"to come: {steps:,} control steps of training, a plan, transfer to other robots, figures; all in {session.root}/demo"
     )
     _chain(session, "reach", seed, "demo", None)
+    session.say(f"the whole took {time.monotonic() - began:.0f} s")
 
 
 def _chain(session: Session, recipe: str, seed: int, name: str | None, overrides: list[str] | None) -> None:

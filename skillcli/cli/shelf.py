@@ -26,6 +26,7 @@ Id = Annotated[
 FullId = Annotated[str, typer.Argument(metavar="ID", help="A full id.", autocompletion=complete.ids)]
 
 
+PICTURES = ("pretrain.png", "embed-means.png", "compose.png", "transfer-eval.png", "compose.rrd")  # from `skill run`
 LONG = 200  # rows, beyond which a listing is printed without a frame
 _COLUMNS = ("id", "made (UTC)", "recipe", "seed", "kB", "note")
 _LESSER = ("recipe", "kB", "seed", "note", "made (UTC)")  # left out first where there is little room
@@ -213,6 +214,11 @@ def verify(
     problems = {one: store.verify(one) for one in ids}
     listed = [problem for each in problems.values() for problem in each]
     payload: dict[str, Any] = {"id": str(found) if found else None, "ok": not listed, "problems": listed}
+    strangers = [path for path in store.strangers() if path.name not in PICTURES] if everything else []
+    for path in strangers:
+        session.say(f"no artifact: {path}", "yellow")
+    if everything:
+        payload["strangers"] = [str(path) for path in strangers]
     if everything or lineage:
         payload["artifacts"] = [{"id": str(one), "ok": not each, "problems": each} for one, each in problems.items()]
     if listed:

@@ -71,7 +71,7 @@ def record(store: Store, artifact_id: ArtifactId, path: Path, picture: Path | No
 
     with replacing(path, picture) as (unfinished, drawn):
         drawn.write_bytes(image(scene, picture))
-        return recording.write(scene, unfinished, path)
+        return recording.write(scene, unfinished)
 
 
 def draw(store: Store, artifact_id: ArtifactId, path: Path) -> None:

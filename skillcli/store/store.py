@@ -135,6 +135,15 @@ class Store:
         with storage_errors(f"list {self.root}"):
             return sorted(self._scan())
 
+    def strangers(self) -> list[Path]:
+        """Files and folders in the store that are neither artifacts nor kept beside them."""
+        artifacts = {self.path(one) for one in self.ids()}
+        with storage_errors(f"list {self.root}"):
+            seen = [path for path in self.root.glob("*") if not path.name.startswith(".")] if self.root.exists() else []
+            names = [path for path in seen if _FOLDER.fullmatch(path.name) and path.is_dir()]
+            inside = [path for folder in names for path in folder.glob("*") if not path.name.startswith(".")]
+        return sorted({*seen, *inside} - {*names} - artifacts)
+
     def resolve(self, text: str | None, kinds: Sequence[str] = ()) -> ArtifactId:
         """The artifact that a user means.
 

@@ -45,6 +45,7 @@ def styled() -> Iterator[None]:
     changed = {key: value for key, value in ours.items() if key not in UNUSED and theirs[key] != value}
     with matplotlib.rc_context({**changed, **STYLE}), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing")  # a name in letters that the font lacks is drawn as boxes
+        warnings.filterwarnings("ignore", "constrained_layout not applied")  # nor is one that leaves no room for the axes
         yield
 
 

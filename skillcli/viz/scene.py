@@ -63,16 +63,35 @@ class Scene:
                 raise ValueError(f"scene {self.title}: {name} has {got} rows, expected {expected}")
 
 
-def drawable(scene: Scene) -> Scene:
-    """A scene whose names can be drawn whatever they are: no line breaks, no formulas, not endless."""
+def readable(scene: Scene) -> Scene:
+    """A scene whose names are one line each, in which nothing acts."""
     return replace(
         scene,
-        title=_short(scene.title),
-        skills=tuple(map(_short, scene.skills)),
-        episode_labels=tuple(map(_plain, scene.episode_labels)),
-        intervals={_plain(name): interval for name, interval in scene.intervals.items()},
-        curves={_success_of(name, scene.skills): values for name, values in scene.curves.items()},
+        title=line(scene.title),
+        skills=tuple(map(line, scene.skills)),
+        episode_labels=tuple(map(line, scene.episode_labels)),
+        intervals={line(name): interval for name, interval in scene.intervals.items()},
+        other_robot=line(scene.other_robot),
+        curves={line(name): values for name, values in scene.curves.items()},
     )
+
+
+def drawable(scene: Scene) -> Scene:
+    """The same with names that are no formulas, nor endless."""
+    plain = readable(scene)
+    return replace(
+        plain,
+        title=_short(plain.title),
+        skills=tuple(map(_short, plain.skills)),
+        episode_labels=tuple(map(label, plain.episode_labels)),
+        intervals={label(name): interval for name, interval in plain.intervals.items()},
+        curves={_success_of(name, plain.skills): values for name, values in plain.curves.items()},
+    )
+
+
+def label(text: str) -> str:
+    """Text as matplotlib has to be given it to draw it as it is."""
+    return line(text).replace("$", r"\$")
 
 
 def _success_of(curve: str, skills: tuple[str, ...]) -> str:
@@ -81,9 +100,4 @@ def _success_of(curve: str, skills: tuple[str, ...]) -> str:
 
 
 def _short(text: str) -> str:
-    shown = line(text)
-    return _plain(shown if len(shown) <= LONGEST else shown[: LONGEST - 1] + "…")
-
-
-def _plain(text: str) -> str:
-    return line(text).replace("$", r"\$")
+    return label(text if len(text) <= LONGEST else text[: LONGEST - 1] + "…")

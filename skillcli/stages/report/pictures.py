@@ -17,6 +17,7 @@ from skillcli.viz.canvas import encoded, styled
 from skillcli.viz.files import FORMATS
 from skillcli.viz.plots import composers, interpolation, learning, point, push, reach, transfer
 from skillcli.viz.report.content import Drawing, Missing
+from skillcli.viz.scene import label
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -312,7 +313,7 @@ def _composed(one: Exhibit) -> str:
     """What a composition is, short."""
     method, task = one.value("results", "method"), one.value("results", "task")
     goal = ", ".join(f"{x:g}" for x in one.scene.waypoints[-1])
-    return f"{method}: ({goal})" if task == "goals" else f"{method}: {task}"
+    return label(f"{method}: ({goal})" if task == "goals" else f"{method}: {task}")
 
 
 def _closest(one: Exhibit) -> str:
@@ -330,7 +331,7 @@ def _transfers(material: Material) -> tuple[list[Exhibit], list[str]]:
 def _arm(one: Exhibit) -> str:
     """The latents that a composer may choose from."""
     ddpg = one.artifact.recipe.get("ddpg")
-    return str(ddpg.get("latents", "")) if isinstance(ddpg, dict) else ""
+    return label(str(ddpg.get("latents", ""))) if isinstance(ddpg, dict) else ""
 
 
 def _with_arm(one: Exhibit) -> bool:
