@@ -50,7 +50,7 @@ def drawings(material: Material) -> tuple[list[Drawing], list[Missing]]:
         plan = subject.plan(material)
         number = f" (figure {subject.paper_figure} of the paper)" if subject.paper_figure else ""
         if plan is None:
-            missing.append(Missing(f"{subject.title}{number}", f"there is no {subject.needs}"))
+            missing.append(Missing(f"{subject.title}{number}", f"there is no {subject.needs}{_remedy(subject, material)}"))
             continue
         with styled():
             figure = plan.make()
@@ -58,6 +58,16 @@ def drawings(material: Material) -> tuple[list[Drawing], list[Missing]]:
         ids = [one.id for one in plan.used]
         drawn.append(Drawing(subject.slug, subject.paper_figure, subject.title, plan.caption, ids, files))
     return drawn, missing
+
+
+def _remedy(subject: Subject, material: Material) -> str:
+    """The commands that give figure 10, which no chain makes by itself."""
+    libraries = material.find("embed-means", "reach")
+    if subject.plan is not _arm_returns or not libraries:
+        return ""
+    goal = ",".join(f"{x:g}" for x in next(iter(paper.REACH_UNSEEN)))
+    compose = f"skill compose {libraries[0].artifact.id.series} --method ddpg --goal={goal} --latents"
+    return f": `{compose} continuous` and `{compose} interpolated`"
 
 
 # --- of the paper -----------------------------------------------------------------------------------------------------
