@@ -47,6 +47,10 @@ def options(
     version: Annotated[bool, typer.Option("--version", help="Print the version.", callback=_version, is_eager=True)] = False,
 ) -> None:
     """Options that hold for every command."""
+    try:
+        Path.cwd()
+    except FileNotFoundError:  # libraries end the process over it
+        raise SkillError("the folder that this was started in is gone", "cd to one that is there") from None
     source = context.get_parameter_source("store")
     named = source is not None and source.name in ("COMMANDLINE", "ENVIRONMENT")
     context.obj = Session(store, named, as_json, quiet, debug)

@@ -295,6 +295,12 @@ def test_strangers_in_a_store_are_named_and_pictures_of_a_run_are_none(store: Pa
     assert "notes.txt" in skill("--store", store, "verify", "--all").err
 
 
+def test_a_folder_that_is_gone_under_ones_feet_is_said(tmp_path: Path) -> None:
+    line = f"mkdir gone && cd gone && rmdir ../gone && {shlex.join([*COMMAND, 'ls'])}"
+    done = subprocess.run(["sh", "-c", line], capture_output=True, text=True, cwd=tmp_path, timeout=60)
+    assert done.returncode == 1 and "is gone" in done.stderr and "cd to one" in done.stderr
+
+
 def test_doctor_leaves_no_folder(tmp_path: Path) -> None:
     assert skill("--store", tmp_path / "none", "doctor").code == 0 and list(tmp_path.iterdir()) == []
 
