@@ -33,12 +33,11 @@ def evil(value: Any, name: str = "") -> Any:
 
 @pytest.fixture(scope="module")
 def hostile(chain: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A store with evil/… of every kind, written through the front door by a machine with evil packages and commits."""
+    """A store with evil/… of every kind, written through the front door by a machine with evil packages."""
     folder = tmp_path_factory.mktemp("hostile") / "artifacts"
     shutil.copytree(chain, folder)
     store = Store(folder)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("skillcli.store.codec.git_state", lambda: (EVIL.replace("\0", "").replace("\udc9b", ""), True))
         patch.setattr("skillcli.store.codec.package_versions", lambda: {EVIL: EVIL})
         for stage in STAGES:
             good = store.read(ArtifactId("tiny", stage, 1))
