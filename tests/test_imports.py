@@ -20,6 +20,7 @@ BASE = {
     "metrics",
     "seeding",
     "errors",
+    "plaintext",
     "trajectories",
 }
 MIDDLE = {"envs", "learning", "composition", "store", "viz"}

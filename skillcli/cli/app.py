@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
 from pathlib import Path
 from types import FrameType
 from typing import Annotated, NoReturn
@@ -14,9 +13,11 @@ from typing import Annotated, NoReturn
 import typer
 
 from skillcli import __version__
-from skillcli.cli import inspect, keep, learn, report, shelf
+from skillcli.cli import inspect, keep, learn, report, shelf, trouble, typed
 from skillcli.cli.session import Session
 from skillcli.errors import SkillError
+from skillcli.plaintext import line
+from skillcli.stages.stopping import ECHO_SECONDS, answered
 
 app = typer.Typer(
     name="skill",
@@ -46,7 +47,13 @@ def options(
     version: Annotated[bool, typer.Option("--version", help="Print the version.", callback=_version, is_eager=True)] = False,
 ) -> None:
     """Options that hold for every command."""
-    context.obj = Session(store, as_json, quiet, debug)
+    try:
+        Path.cwd()
+    except FileNotFoundError:  # libraries end the process over it
+        raise SkillError("the folder that this was started in is gone", "cd to one that is there") from None
+    source = context.get_parameter_source("store")
+    named = source is not None and source.name in ("COMMANDLINE", "ENVIRONMENT")
+    context.obj = Session(store, named, as_json, quiet, debug)
 
 
 learn.register(app)
@@ -58,11 +65,11 @@ keep.register(app)
 
 def main() -> None:
     """Run the command line; every failure ends as one line and an exit code."""
-    arguments = sys.argv[1:]
+    ours, rest = typed.split(sys.argv[1:])
     interrupt = Interrupt()
     try:
-        with interrupt.taken():
-            code = app(args=arguments, standalone_mode=False)
+        with answered(interrupt):
+            code = app(args=[*ours, *rest], standalone_mode=False)
         if code == 130:  # typer's own way of saying that Ctrl-C was pressed
             raise KeyboardInterrupt
         sys.exit(code if isinstance(code, int) else 0)
@@ -73,41 +80,28 @@ def main() -> None:
         _fail("UsageError", error.format_message(), hint, error.exit_code)
     except (KeyboardInterrupt, typer.Abort):
         _fail(*INTERRUPTED)
-    except BrokenPipeError:  # the reader of a pipe went away: nothing to say, and nobody to say it to
-        sys.stderr.close()
-        sys.exit(1)
-    except Exception as error:  # a defect of ours: one line, unless the traceback is asked for
+    except Exception as error:
         if interrupt.pressed:  # extension modules make an error of their own of Ctrl-C while they load
             _fail(*INTERRUPTED)
-        _fail(type(error).__name__, f"unexpected: {error}", "a defect of skill; --debug shows where", 1)
+        _fail(type(error).__name__, *trouble.told(error), 1)
 
 
 INTERRUPTED = ("Interrupted", "interrupted", "finished stages are in the store; a training goes on with --resume", 130)
 
 
 class Interrupt:
-    """Ctrl-C as an exception, remembered: not everything that it passes through leaves it as it is."""
+    """A signal as an exception, remembered: not everything that it passes through leaves it as it is."""
 
     def __init__(self) -> None:
         self.pressed = False
+        self._since = 0.0
 
-    def __call__(self, _: int, __: FrameType | None) -> None:
-        """Take a signal."""
-        self.pressed = True
-        raise KeyboardInterrupt
-
-    @contextmanager
-    def taken(self) -> Iterator[None]:
-        """Take Ctrl-C inside the block; outside the main thread, where signals do not arrive, nothing changes."""
-        try:
-            before = signal.signal(signal.SIGINT, self)
-        except ValueError:
-            yield
+    def __call__(self, number: int, __: FrameType | None) -> None:
+        """Take a signal; the echo of one would only disturb the tidying up."""
+        if self.pressed and number != signal.SIGINT and time.monotonic() - self._since < ECHO_SECONDS:
             return
-        try:
-            yield
-        finally:
-            signal.signal(signal.SIGINT, before)
+        self.pressed, self._since = True, time.monotonic()
+        raise KeyboardInterrupt
 
 
 def _fail(kind: str, message: str, hint: str, code: int) -> NoReturn:
@@ -115,8 +109,8 @@ def _fail(kind: str, message: str, hint: str, code: int) -> NoReturn:
         import traceback
 
         traceback.print_exc()
-    flat = "".join(mark if mark.isprintable() else "?" for mark in " ".join(message.split()))
+    flat, advice = line(message), line(typed.runnable(hint))
     if "--json" in sys.argv:
-        print(json.dumps({"error": {"type": kind, "message": flat, "hint": hint}}))
-    print(f"error: {flat}" + (f"\n hint: {hint}" if hint else ""), file=sys.stderr)
+        print(json.dumps({"error": {"type": kind, "message": flat, "hint": advice}}))
+    print(f"error: {flat}" + (f"\n hint: {advice}" if advice else ""), file=sys.stderr)
     sys.exit(code)

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 from rich.tree import Tree
 
 from skillcli.errors import StoreError
@@ -38,7 +38,7 @@ def curves(arrays: Mapping[str, Any], width: int) -> Table:
     table = Table("curve", "", "first", "last")
     for name, values in sorted(arrays.items()):
         ends = (f"{values[index]:.4g}" for index in (0, -1)) if values.ndim == 1 and len(values) else ("", "")
-        table.add_row(escape(name), sparkline(values, max(NARROW, min(WIDTH, room))), *ends)
+        table.add_row(name, sparkline(values, max(NARROW, min(WIDTH, room))), *ends)
     return table
 
 
@@ -47,24 +47,24 @@ def recipe(resolved: Mapping[str, Any]) -> Table:
     table = Table("recipe", "values")
     for section, values in sorted(resolved.items()):
         shown = ", ".join(f"{key}={value}" for key, value in values.items()) if isinstance(values, Mapping) else str(values)
-        table.add_row(section, escape(shown))
+        table.add_row(section, shown)
     return table
 
 
 def lineage(store: Store, artifact_id: ArtifactId) -> Tree:
     """What an artifact was made from, as a tree; what is gone or damaged is marked."""
-    tree = Tree(f"[bold]{artifact_id}[/]")
+    tree = Tree(Text(str(artifact_id), "bold"))
     pending, seen = [(tree, artifact_id)], {artifact_id}
     while pending:
         branch, one = pending.pop(0)
         for parent in store.header(one).parents:
             try:
                 same = store.header(parent.id).content_sha256 == parent.content_sha256
-                label = f"{parent.id} [dim]{parent.content_sha256[:12]}[/]" + ("" if same else " [red]changed since[/]")
-                below = branch.add(label)
+                marks = [(f" {parent.content_sha256[:12]}", "dim"), *([] if same else [(" changed since", "red")])]
+                below = branch.add(Text.assemble(str(parent.id), *marks))
                 if parent.id not in seen:  # a file made by hand may name itself
                     seen.add(parent.id)
                     pending.append((below, parent.id))
             except StoreError:
-                branch.add(f"{parent.id} [red]gone or damaged[/]")
+                branch.add(Text.assemble(str(parent.id), (" gone or damaged", "red")))
     return tree

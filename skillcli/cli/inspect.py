@@ -17,6 +17,8 @@ from skillcli.cli.session import Session
 from skillcli.errors import SkillError, UsageError
 
 if TYPE_CHECKING:
+    from subprocess import Popen
+
     from rich.console import Group
     from rich.table import Table
 
@@ -49,23 +51,30 @@ def viz(
     if output is not None and output.suffix.lower().removeprefix(".") in FORMATS:
         raise UsageError(f"{output} would be a recording, its name says picture", f"for a figure: --png {output}")
     found = session.pick(source)
-    from skillcli.stages.visualise import draw, record
+    from skillcli.stages.visualise import record
+    from skillcli.viz import viewer
 
+    if open_viewer or web:
+        viewer.check(window=not web)
     path = output or Path(f"{found.name}-{found.stage}-v{found.version}.rrd")
-    entities = record(session.store, found, path)
-    if png:
-        draw(session.store, found, png)
+    entities = record(session.store, found, path, png)
     session.result(
         {"id": str(found), "rrd": str(path), "png": str(png) if png else None, "entities": entities},
         f"{found}: {path} ({path.stat().st_size / 1e6:.1f} MB, {len(entities)} entities)" + (f", {png}" if png else ""),
     )
-    if open_viewer or web:
-        from skillcli.viz.viewer import open_viewer as show
-        from skillcli.viz.viewer import serve_web
+    if web:
+        _serve(viewer.serve_web(path))
+    elif open_viewer:
+        viewer.open_viewer(path)
 
-        process = serve_web(path) if web else show(path)
-        if web:
-            process.wait()
+
+def _serve(process: Popen[bytes]) -> None:
+    """Wait for the end of a server; Ctrl-C is how a person ends it."""
+    try:
+        process.wait()
+    except KeyboardInterrupt:
+        process.terminate()
+        process.wait()
 
 
 @recipes_app.callback()
@@ -156,6 +165,7 @@ def _told(domain: Domain) -> dict[str, Any]:
 
 def _domain_list(found: list[Domain]) -> Table:
     from rich.table import Table
+    from rich.text import Text
 
     from skillcli.perturbation import PARAMETERS
 
@@ -163,14 +173,14 @@ def _domain_list(found: list[Domain]) -> Table:
     for domain in found:
         table.add_section()
         changes = [f"{name} {values} {PARAMETERS[name].unit}" for name, values in domain.parameters.items()]
-        table.add_row(f"[bold]{domain.name}[/]", domain.description, "\n".join(changes))
+        table.add_row(Text(domain.name, "bold"), domain.description, "\n".join(changes))
     return table
 
 
 def _domain_sheet(domain: Domain) -> Group:
     from rich.console import Group
-    from rich.markup import escape
     from rich.table import Table
+    from rich.text import Text
 
     from skillcli.perturbation import PARAMETERS
 
@@ -179,19 +189,20 @@ def _domain_sheet(domain: Domain) -> Group:
         table.add_row(name, str(values), PARAMETERS[name].unit, PARAMETERS[name].meaning)
     untouched = [name for name in PARAMETERS if name not in domain.parameters]
     return Group(
-        f"[bold]{domain.name}[/]: {escape(domain.description)}", table, f"as in the simulation: {', '.join(untouched)}"
+        Text.assemble((domain.name, "bold"), f": {domain.description}"), table, f"as in the simulation: {', '.join(untouched)}"
     )
 
 
 def doctor(context: typer.Context) -> None:
     """Check that everything skill needs is here and works."""
     from rich.table import Table
+    from rich.text import Text
 
     session: Session = context.obj
     checks = [*_packages(), _writable(session), _physics(), ("cores", f"{os.cpu_count()}", True)]
     table = Table("what", "found", "")
     for what, found, fine in checks:
-        table.add_row(what, found, "[green]ok[/]" if fine else "[red]problem[/]")
+        table.add_row(what, found, Text("ok", "green") if fine else Text("problem", "red"))
     healthy = all(fine for _, _, fine in checks)
     listed = [{"what": what, "found": found, "ok": fine} for what, found, fine in checks]
     payload: dict[str, Any] = {"ok": healthy, "checks": listed}
@@ -222,9 +233,12 @@ def _packages() -> list[Check]:
 
 
 def _writable(session: Session) -> Check:
-    free = shutil.disk_usage(next(p for p in (session.root, *session.root.absolute().parents) if p.exists())).free
+    from skillcli.store.atomic import try_writing
+
+    folder = next(p for p in (session.root, *session.root.absolute().parents) if p.exists())
+    free = shutil.disk_usage(folder).free
     try:
-        session.store.check_writable("doctor")
+        try_writing(folder)
     except SkillError as error:
         return "store", error.message, False
     return "store", f"{session.root}, {free / 1e9:.0f} GB free", free > 1e9

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from skillcli.cli import typed
 from skillcli.cli.session import Session
 from skillcli.cli.shelf import FullId, Id
 
@@ -28,7 +29,6 @@ def register(app: typer.Typer) -> None:
 
 def diff(context: typer.Context, a: FullId, b: FullId) -> None:
     """Compare two artifacts: recipes, packages, results and arrays."""
-    from rich.markup import escape
     from rich.table import Table
 
     from skillcli.cli.compare import differences
@@ -39,7 +39,7 @@ def diff(context: typer.Context, a: FullId, b: FullId) -> None:
     table = Table("", str(first.id), str(second.id))
     for part, values in found.items():
         for key, (left, right) in values.items():
-            table.add_row(*(escape(text) for text in (f"{part} {key}".rstrip(), str(left), str(right))))
+            table.add_row(f"{part} {key}".rstrip(), str(left), str(right))
     same = first.content_sha256 == second.content_sha256
     said = f"{first.id} and {second.id} have the same content" if same else f"{first.id} and {second.id} differ in content"
     session.result(
@@ -59,9 +59,10 @@ def collect(
     from skillcli.store import collect_garbage, find_garbage
 
     session: Session = context.obj
-    found = (collect_garbage if apply else find_garbage)(session.store, keep)
+    found = (collect_garbage if apply else find_garbage)(session.filled, keep)
     if found.unreadable:
-        session.say(f"[yellow]no artifact goes while {found.unreadable[0].id} cannot be read[/]: `skill verify --all` says why")
+        blocked = found.unreadable[0].id
+        session.say(f"no artifact goes while {blocked} cannot be read: `skill verify --all` says why", "yellow")
     payload: dict[str, Any] = {
         "applied": apply,
         "bytes": found.bytes,
@@ -88,7 +89,8 @@ def _garbage(found: Garbage, applied: bool) -> list[Any]:
     if not count:
         return [*kept, "nothing to remove"]
     summary = f"{count} files, {found.bytes / 1e6:,.1f} MB"
-    return [table, *kept, f"removed {summary}" if applied else f"would remove {summary}; `skill gc --apply` does it"]
+    proposed = typed.runnable("`skill gc --apply` does it")
+    return [table, *kept, f"removed {summary}" if applied else f"would remove {summary}; {proposed}"]
 
 
 def export(
@@ -148,7 +150,7 @@ def unlock(
     from skillcli.store import unlock as remove
 
     session: Session = context.obj
-    locked = os.path.lexists(session.root / ".lock")
+    locked = os.path.lexists(session.filled.root / ".lock")
     owner = remove(session.root, force=force) if locked else None
     whose = str(owner) if owner else None
     said = f"removed the lock of {whose or 'an unknown process'}" if locked else "the store is not locked"

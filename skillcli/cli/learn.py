@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skillcli.cli import complete, watching
+from skillcli.cli import complete, typed, watching
 from skillcli.cli.methods import ABOUT, MORE, ON_TARGET, ByMethod, option, settings
 from skillcli.cli.session import Session
-from skillcli.errors import UsageError
+from skillcli.errors import Interrupted, UsageError
 
 if TYPE_CHECKING:
     from skillcli.store import Artifact
@@ -89,7 +91,8 @@ def embed_means(
     found = session.pick(source, "pretrain")
     from skillcli.stages.embed_means import embed_means as stage
 
-    artifact = stage(session.store, found, session.command, checked(name))
+    with _whole("embed-means"):
+        artifact = stage(session.store, found, session.command, checked(name))
     _done(session, artifact, f"skill compose {artifact.id} --method search")
 
 
@@ -146,12 +149,12 @@ def compose(
         session.store.read(found).recipe, [*(ON_TARGET if on and method == "search" else ()), *(overrides or ()), *chosen]
     )
     request = Request.of(recipe, task, goals, method)
-    with session.progress() as report:
+    with _whole("compose"), session.progress() as report:
         artifact = stage(session.store, found, recipe, request, method, session.command, checked(name), report, seed, on)
     if not artifact.results["waypoints_met"]:
-        session.say(f"[yellow]the plan does not meet every waypoint[/]: {MORE[method]}")
+        session.say(f"the plan does not meet every waypoint: {MORE[method]}", "yellow")
     for broken in artifact.results["broken"]:
-        session.say(f"[yellow]the plan breaks a safety limit, so it is no success[/]: {where(broken)}")
+        session.say(f"the plan breaks a safety limit, so it is no success: {where(broken)}", "yellow")
     if artifact.results["broken"]:
         session.say(f"`skill viz {artifact.id} --open` shows it; plan without that skill, or with another --method or --goal")
     _done(session, artifact, f"skill transfer-eval {artifact.id}")
@@ -189,14 +192,12 @@ def transfer_eval(
     domains = list(dict.fromkeys(domain or recipe.transfer.domains))
     other = None
     if robot is not None:
-        from rich.markup import escape
-
         from skillcli.envs.robot import load_robot
 
         other = load_robot(robot)
         for note in other.notes:
-            session.say(escape(f"{robot}: {note}"))
-    with session.progress() as report:
+            session.say(f"{robot}: {note}")
+    with _whole("transfer-eval"), session.progress() as report:
         artifact = stage(
             session.store,
             found,
@@ -229,7 +230,17 @@ def demo(
     seed: Seed = 0,
 ) -> None:
     """The main job on the Sawyer, from nothing to a recording, a figure and a table."""
-    _chain(context.obj, "reach", seed, "demo", None)
+    from skillcli.recipe import load_recipe
+
+    session: Session = context.obj
+    recipe = load_recipe("reach")
+    began, training = time.monotonic(), recipe.training
+    steps = training.iterations * training.simulations * recipe.task.horizon
+    session.say(
+        f"to come: {steps:,} control steps of training, a plan, transfer to other robots, figures; all in {session.root}/demo"
+    )
+    _chain(session, "reach", seed, "demo", None)
+    session.say(f"the whole took {time.monotonic() - began:.0f} s")
 
 
 def _chain(session: Session, recipe: str, seed: int, name: str | None, overrides: list[str] | None) -> None:
@@ -258,7 +269,7 @@ def _chain(session: Session, recipe: str, seed: int, name: str | None, overrides
     session.result(
         {**reports, "png": pictures, "rrd": str(recording)},
         f"figures: {', '.join(pictures)}",
-        f"recording: {recording} (open it with `skill viz {reports['compose']['id']} --open`)",
+        typed.runnable(f"recording: {recording} (open it with `skill viz {reports['compose']['id']} --open`)"),
     )
 
 
@@ -287,8 +298,21 @@ def _numbers(text: str) -> list[float]:
         raise UsageError(f"--goal {text!r}: expected numbers in metres", hint) from None
 
 
+@contextmanager
+def _whole(stage: str) -> Iterator[None]:
+    """Say of a stage that is stopped that there is nothing of it."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        hint = "what it was made from is in the store; the same command starts anew"
+        raise Interrupted(f"interrupted: nothing of this {stage} was kept", hint) from None
+
+
 def _done(session: Session, artifact: Artifact, then: str) -> None:
     """Report a finished stage, and what may be done next."""
+    from rich.text import Text
+
     from skillcli.cli.tables import SHOWN
 
-    session.result(payload(artifact), SHOWN[artifact.kind](artifact), f"[dim]next: {then}[/]")
+    proposed = Text(typed.runnable(f"next: {then}"), "dim")
+    session.result(payload(artifact), SHOWN[artifact.kind](artifact), proposed)

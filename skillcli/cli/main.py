@@ -1,4 +1,4 @@
-"""Where the process begins: Ctrl-C is answered from the first moment, before anything that takes time is loaded."""
+"""Where the process begins: before anything slow is loaded, signals are answered and the surroundings are put right."""
 
 from __future__ import annotations
 
@@ -7,14 +7,41 @@ import signal
 import sys
 from types import FrameType
 
+from skillcli.cli import streams
+from skillcli.stages.stopping import heeded
+
+NARROWEST = 20  # characters, below which a terminal's size is not to be believed
+
 
 def main() -> None:
     """Run `skill`."""
-    signal.signal(signal.SIGINT, _leave)
+    for number in heeded():
+        signal.signal(number, _leave)
+    set_aside()
+    out = streams.protect()
     from skillcli.cli.app import main as run
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # what `run` comes back to: the outcome is told, only the end is left
-    run()
+    for number in heeded():
+        signal.signal(number, _late)
+    try:
+        run()
+    finally:
+        if trouble := streams.lost(out):
+            reason = trouble.strerror or str(trouble)
+            print(f"error: cannot write to stdout: {reason}\n hint: what was made is in the store", file=sys.stderr)
+            sys.exit(1)
+
+
+def set_aside() -> None:
+    """Take out of the environment what others read there and stumble over.
+
+    Nothing here draws with OpenGL, whose drivers MuJoCo would load; a terminal that is told to have no columns shows nothing.
+    """
+    os.environ["MUJOCO_GL"] = "disable"
+    for name, least in (("COLUMNS", NARROWEST), ("LINES", 3), ("TERMINAL_WIDTH", NARROWEST)):
+        text = os.environ.get(name, "")
+        if not (text.isascii() and text.isdigit() and least <= int(text) <= 10_000):
+            os.environ.pop(name, None)
 
 
 def _leave(_: int, __: FrameType | None) -> None:
@@ -24,3 +51,7 @@ def _leave(_: int, __: FrameType | None) -> None:
         os.write(1, error.encode())
     os.write(2, b"error: interrupted\n hint: nothing was begun\n")
     os._exit(130)
+
+
+def _late(_: int, __: FrameType | None) -> None:
+    """What `run` comes back to: the outcome is told, only the end is left."""

@@ -42,6 +42,8 @@ def report(
         session.say(f"not used: {skipped.what}: {skipped.reason}")
     for missing in done.page.not_drawn:
         session.say(f"not drawn: {missing.what}: {missing.reason}")
+    for row in done.page.todo:
+        session.say(f"no number: {row.what}: `{row.todo}` gives it")
     size = done.html.stat().st_size / 1e6
     counted = f"{len(done.page.drawings)} figures, also in {done.folder}; {len(done.page.origins)} artifacts"
     session.result(_payload(done), f"{done.html} ({size:.1f} MB): {counted}")
@@ -62,5 +64,6 @@ def _payload(done: Reported) -> dict[str, Any]:
         ],
         "artifacts": [origin.id for origin in done.page.origins],
         "not_drawn": [{"figure": missing.what, "reason": missing.reason} for missing in done.page.not_drawn],
+        "no_number": [{"what": row.what, "command": row.todo} for row in done.page.todo],
         "skipped": [{"id": skipped.what, "reason": skipped.reason} for skipped in done.page.skipped],
     }

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import shlex
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from skillcli.cli import typed
+from skillcli.errors import StoreError
+from skillcli.plaintext import line
 
 if TYPE_CHECKING:  # imported where needed: `skill --help` must be instant
     from rich.console import Console, RenderableType
@@ -22,9 +23,10 @@ if TYPE_CHECKING:  # imported where needed: `skill --help` must be instant
 
 @dataclass(frozen=True)
 class Session:
-    """The options that stand before the command."""
+    """The options for every command."""
 
     root: Path
+    named: bool = False  # whether somebody asked for this store
     json: bool = False
     quiet: bool = False
     debug: bool = False
@@ -37,43 +39,52 @@ class Session:
         return Store(self.root)
 
     @property
+    def filled(self) -> Store:
+        """The store, for a command that only looks: one that was asked for must be there, the usual one may come later.
+
+        Raises:
+            StoreError: it is not there.
+        """
+        if not self.root.is_dir():
+            message = f"there is no store {self.root}" + (": it is not a folder" if self.root.exists() else "")
+            if self.named or self.root.exists():
+                raise StoreError(message, f"{typed.PLACE} DIR or SKILL_STORE names the folder that holds the artifacts")
+            self.say(f"{message} here: `skill demo` makes one, --store DIR names another")
+        return self.store
+
+    @property
     def out(self) -> Console:
         """Results, on stdout."""
-        from rich.console import Console
+        from skillcli.cli import terminal
 
-        console = Console()
-        # nobody reads a pipe at 80 columns: nothing is cut there, unless COLUMNS asks for it
-        return console if console.is_terminal or "COLUMNS" in os.environ else Console(width=160)
+        return terminal.out()
 
     @property
     def err(self) -> Console:
         """Messages, on stderr."""
-        from rich.console import Console
+        from skillcli.cli import terminal
 
-        return Console(stderr=True, quiet=self.quiet)
+        return terminal.err(self.quiet)
 
     @property
     def command(self) -> str:
         """The command as typed, without the options that only concern printing and places."""
-        words = sys.argv[1:]
-        kept = [word for word in words if word not in ("--json", "--quiet", "--debug")]
-        if "--store" in kept:
-            at = kept.index("--store")
-            kept = kept[:at] + kept[at + 2 :]
-        return shlex.join(["skill", *(word for word in kept if not word.startswith("--store="))])
+        return typed.recorded()
 
-    def say(self, message: str) -> None:
-        """A message for a person, on stderr."""
+    def say(self, message: str, style: str = "") -> None:
+        """A message for a person, in one line on stderr."""
         if not self.json:
-            self.err.print(message, highlight=False)
+            self.err.print(line(typed.runnable(message)), style=style, soft_wrap=True)
 
     def result(self, payload: dict[str, Any], *shown: RenderableType) -> None:
         """What a command found out: one JSON object, or what is shown to a person."""
         if self.json:
             print(json.dumps(finite(payload)))
             return
-        for item in shown:
-            self.out.print(item, highlight=False)
+        from rich.text import Text
+
+        for item in shown:  # paths and commands are there to be copied: no line is broken in them
+            self.out.print(item, soft_wrap=isinstance(item, str | Text))
 
     def pick(self, text: str | None, *kinds: str) -> ArtifactId:
         """Resolve an id; where none is given, take the newest fitting artifact and say which."""

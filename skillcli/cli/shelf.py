@@ -26,6 +26,7 @@ Id = Annotated[
 FullId = Annotated[str, typer.Argument(metavar="ID", help="A full id.", autocompletion=complete.ids)]
 
 
+PICTURES = ("pretrain.png", "embed-means.png", "compose.png", "transfer-eval.png", "compose.rrd")  # from `skill run`
 LONG = 200  # rows, beyond which a listing is printed without a frame
 _COLUMNS = ("id", "made (UTC)", "recipe", "seed", "kB", "note")
 _LESSER = ("recipe", "kB", "seed", "note", "made (UTC)")  # left out first where there is little room
@@ -53,15 +54,13 @@ def list_artifacts(
     """List the artifacts, the newest last."""
     from fnmatch import fnmatchcase
 
-    from rich.markup import escape
-
     from skillcli.store import KINDS
 
     if kind and kind not in KINDS:
         raise UsageError(f"no kind {kind!r}", f"kinds: {', '.join(KINDS)}")
     first, last = _instant("--since", since), _instant("--before", before)
     session: Session = context.obj
-    found = session.store.listing()
+    found = session.filled.listing()
     chosen = [
         header
         for header in found.headers
@@ -72,7 +71,7 @@ def list_artifacts(
         and (not last or header.created_utc < last)
     ]
     for broken in found.unreadable:
-        session.say(f"[red]{broken.id}[/]: {escape(broken.problem)}")
+        session.say(f"{broken.id}: {broken.problem}", "red")
     _print_listing(session, found._replace(headers=chosen))
 
 
@@ -95,7 +94,6 @@ def _row(header: Header, pinned: bool) -> tuple[str, ...]:
 
 def _table(rows: list[tuple[str, ...]], width: int) -> RenderableType:
     """The listing in a frame; on a narrow terminal without the columns that matter less."""
-    from rich.markup import escape
     from rich.table import Table
 
     shown = list(range(len(_COLUMNS)))
@@ -107,7 +105,7 @@ def _table(rows: list[tuple[str, ...]], width: int) -> RenderableType:
     for index in shown:  # an id is never cut: it is there to be copied
         table.add_column(_COLUMNS[index], no_wrap=True, overflow="fold")
     for row in rows:
-        table.add_row(*(escape(row[index]) for index in shown))
+        table.add_row(*(row[index] for index in shown))
     return table
 
 
@@ -206,10 +204,10 @@ def verify(
     everything: Annotated[bool, typer.Option("--all", help="Every artifact of the store.")] = False,
 ) -> None:
     """Check artifacts bit by bit: file, content, schema and parents."""
-    from rich.markup import escape
+    from rich.text import Text
 
     session: Session = context.obj
-    store = session.store
+    store = session.filled if everything else session.store
     if everything and source:
         raise UsageError("verify takes an ID or --all, not both", "leave one of them out")
     found = None if everything else session.pick(source)
@@ -217,6 +215,11 @@ def verify(
     problems = store.verify_all() if everything else {one: store.verify(one) for one in ids}
     listed = [problem for each in problems.values() for problem in each]
     payload: dict[str, Any] = {"id": str(found) if found else None, "ok": not listed, "problems": listed}
+    strangers = [path for path in store.strangers() if path.name not in PICTURES] if everything else []
+    for path in strangers:
+        session.say(f"no artifact: {path}", "yellow")
+    if everything:
+        payload["strangers"] = [str(path) for path in strangers]
     if everything or lineage:
         payload["artifacts"] = [{"id": str(one), "ok": not each, "problems": each} for one, each in problems.items()]
     if listed:
@@ -226,9 +229,9 @@ def verify(
             "message": f"{', '.join(bad[:3])}{' and more' if len(bad) > 3 else ''} damaged: {listed[0]}",
             "hint": "restore it from a copy, or remove it with what was made from it and make it anew",
         }
-    lines = [f"[red]{one}[/]: {escape(problem)}" for one, each in problems.items() for problem in each]
-    whole = f"[green]{found} is whole[/]" if len(ids) == 1 else f"[green]{len(problems)} artifacts are whole[/]"
-    session.result(payload, *(lines or [whole]))
+    lines = [Text.assemble((str(one), "red"), f": {problem}") for one, each in problems.items() for problem in each]
+    whole = f"{found} is whole" if len(ids) == 1 else f"{len(problems)} artifacts are whole"
+    session.result(payload, *(lines or [Text(whole, "green")]))
     if listed:
         raise typer.Exit(1)
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from rich.console import Group
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from skillcli.store import Artifact
 
@@ -21,6 +21,10 @@ def _table(*columns: str) -> Table:
     for index, column in enumerate(columns):
         table.add_column(column, justify="left" if index == 0 else "right")
     return table
+
+
+def _title(artifact: Artifact, more: str = "") -> Text:
+    return Text.assemble((str(artifact.id), "bold"), more)
 
 
 def pretrain(artifact: Artifact) -> Group:
@@ -41,7 +45,7 @@ def pretrain(artifact: Artifact) -> Group:
         other = found["randomised"]
         median = _centimetres(other["final_distance_m"]["median"])
         caption += f"\non robots and starts as varied as in training: success {other['success_rate']:.1%}, median {median}"
-    return Group(f"[bold]{artifact.id}[/]", table, caption)
+    return Group(_title(artifact), table, caption)
 
 
 def means(artifact: Artifact) -> Group:
@@ -53,7 +57,7 @@ def means(artifact: Artifact) -> Group:
     efficiency, r = artifact.results["efficiency"], artifact.results["latent_goal_correlation"]
     shown = ["–" if number is None else f"{number:.3f}" for number in (efficiency, r)]
     caption = f"embedding efficiency {shown[0]} (lower is better separated), latent against goal distances r = {shown[1]}"
-    return Group(f"[bold]{artifact.id}[/]", table, caption, *_between(artifact))
+    return Group(_title(artifact), table, caption, *_between(artifact))
 
 
 def _between(artifact: Artifact) -> list[Table]:
@@ -87,7 +91,7 @@ def plan(artifact: Artifact) -> Group:
         )
     effort = f"planned in {artifact.measured['planning_seconds']:.1f} s, {found['expanded_nodes']} nodes"
     caption = "\n".join([f"{met}, {ends}; {effort}", *limits, f"plan {steps}"])
-    return Group(f"[bold]{artifact.id}[/]: {found['method']}, {found['task']}", table, caption)
+    return Group(_title(artifact, f": {found['method']}, {found['task']}"), table, caption)
 
 
 def where(broken: dict[str, Any]) -> str:
@@ -112,10 +116,10 @@ def transfer(artifact: Artifact) -> Group:
             _centimetres(distance["median"]), _centimetres(distance["p90"]), _centimetres(replay["median"] if replay else None),
         )  # fmt: skip
     again = ", planned again on the way" if found.get("replanned") else ""
-    robot = f"the robot of {escape(found['robot']['file'])}" if found.get("robot") else "other robots"
+    robot = f"the robot of {found['robot']['file']}" if found.get("robot") else "other robots"
     said = [f"source: success {found['source']['success_rate']:.0%}", *_footnotes(found)]
     parts = [part for domain in found["domains"] if (part := _sensitivity(domain))]
-    return Group(f"[bold]{artifact.id}[/]: {artifact.parents[0].id} on {robot}{again}", table, "\n".join(said), *parts)
+    return Group(_title(artifact, f": {artifact.parents[0].id} on {robot}{again}"), table, "\n".join(said), *parts)
 
 
 def _interval(outcome: Mapping[str, Any]) -> str:

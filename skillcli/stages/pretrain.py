@@ -22,7 +22,8 @@ from skillcli.perturbation import sample
 from skillcli.recipe import Recipe
 from skillcli.seeding import generator
 from skillcli.stages.library import TRAINED, fingerprint, skill_names
-from skillcli.stages.progress import Progress, Report, StopRequest, silent, stoppable
+from skillcli.stages.progress import Progress, Report, silent
+from skillcli.stages.stopping import StopRequest, stoppable
 from skillcli.store import Artifact, Draft, Store, load_checkpoint, remove_checkpoint, save_checkpoint
 from skillcli.trajectories import Array, Trajectories
 
@@ -101,6 +102,8 @@ def pretrain(
         _train(learner, bare, recipe, report, save, stop, command)
         wall = wall_seconds()
         save()  # judging and writing may still be interrupted, or find the disk full
+        if stop.requested:
+            raise _stopped("stopped after the training, before it was judged; the state is saved", command)
     evaluation = evaluate(recipe, learner.agent, seed, threads)
     randomised = evaluate_randomised(recipe, learner.agent, seed, threads)
     artifact = store.write(_draft(recipe, seed, name, command, learner, evaluation, randomised, bare.rate, wall))
@@ -135,13 +138,15 @@ def _train(
         report(Progress("pretrain", learner.iteration, total, "iterations", rate, success, note, share, scalars))
         if stop.requested and not learner.finished:
             save()
-            resumed = command if "--resume" in command else f"{command} --resume"
-            raise Interrupted(
-                f"stopped after iteration {learner.iteration} of {total}; the state is saved", f"go on with: {resumed}"
-            )
+            raise _stopped(f"stopped after iteration {learner.iteration} of {total}; the state is saved", command)
         if time.perf_counter() - saved > CHECKPOINT_SECONDS:
             save()
             saved = time.perf_counter()
+
+
+def _stopped(message: str, command: str) -> Interrupted:
+    resumed = command if "--resume" in command or " pretrain " not in f" {command} " else f"{command} --resume"
+    return Interrupted(message, f"go on with: {resumed}")
 
 
 def evaluate(recipe: Recipe, agent: Agent, seed: int, threads: int = 0) -> Evaluation:

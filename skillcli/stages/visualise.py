@@ -10,6 +10,7 @@ from skillcli.envs.tasks import model_of
 from skillcli.stages.library import open_library
 from skillcli.store import Artifact, ArtifactId, Store
 from skillcli.trajectories import Array, Trajectories
+from skillcli.viz.files import replacing
 from skillcli.viz.scene import Scene
 
 
@@ -59,11 +60,18 @@ def _turn(artifact: Artifact, episodes: int) -> Array:
     return np.concatenate([np.arange(count) for count in counts])
 
 
-def record(store: Store, artifact_id: ArtifactId, path: Path) -> list[str]:
-    """Write a rerun recording of an artifact; returns its entities."""
-    from skillcli.viz.recording import record as write  # rerun is slow to import
+def record(store: Store, artifact_id: ArtifactId, path: Path, picture: Path | None = None) -> list[str]:
+    """Write a rerun recording of an artifact and, where asked for, a figure, both or none; returns the recording's entities."""
+    from skillcli.viz import recording  # rerun is slow to import
 
-    return write(scene_of(store, artifact_id), path)
+    scene = scene_of(store, artifact_id)
+    if picture is None:
+        return recording.record(scene, path)
+    from skillcli.viz.figures import image
+
+    with replacing(path, picture) as (unfinished, drawn):
+        drawn.write_bytes(image(scene, picture))
+        return recording.write(scene, unfinished)
 
 
 def draw(store: Store, artifact_id: ArtifactId, path: Path) -> None:

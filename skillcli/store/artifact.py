@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skillcli.plaintext import code, markdown
 from skillcli.store.ids import ArtifactId
 from skillcli.store.text import canonical
 
@@ -92,21 +93,22 @@ class Artifact(Header):
 
     def provenance(self) -> str:
         """Where it comes from, as markdown."""
+        origin = self.origin
         lines = [
-            f"# {self.id}",
+            f"# {markdown(str(self.id))}",
             "",
-            f"`{''.join(mark if mark.isprintable() else '?' for mark in self.command)}`",
+            code(self.command),
             "",
-            f"- recipe **{self.recipe_name}**, seed **{self.seed}**",
-            f"- made {self.created_utc[:19]} UTC",
-            f"- content `{self.content_sha256[:16]}`",
-            f"- git `{self.git_commit[:12] or 'unknown'}`{' with changes' if self.git_dirty else ''}",
-            *(f"- made from **{parent.id}** `{parent.content_sha256[:16]}`" for parent in self.parents),
-            *([f"- migrated from **{self.origin['id']}**, made by `{self.origin['command']}`"] if self.origin else []),
+            f"- recipe **{markdown(self.recipe_name)}**, seed **{self.seed}**",
+            f"- made {markdown(self.created_utc[:19])} UTC",
+            f"- content {code(self.content_sha256[:16])}",
+            f"- git {code(self.git_commit[:12] or 'unknown')}{' with changes' if self.git_dirty else ''}",
+            *(f"- made from **{markdown(str(parent.id))}** {code(parent.content_sha256[:16])}" for parent in self.parents),
+            *([f"- migrated from **{markdown(str(origin['id']))}**, made by {code(str(origin['command']))}"] if origin else []),
             "",
             "| package | version |",
             "|---|---|",
-            *(f"| {package} | {version} |" for package, version in sorted(self.packages.items())),
+            *(f"| {markdown(package)} | {markdown(version)} |" for package, version in sorted(self.packages.items())),
         ]
         return "\n".join(lines)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -34,12 +35,17 @@ STYLE: Any = {  # matplotlib types the keys as one literal of all its settings
     "pdf.fonttype": 42,  # text stays text, so that a journal can embed the font
     "svg.hashsalt": "skill",  # the same picture gives the same file
 }
+UNUSED = ("backend", "backend_fallback")  # of settings: nothing here opens a window
 
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Figures are made and written inside this block."""
-    with matplotlib.rc_context(STYLE):
+    """Figures are made and written inside this block, with our settings and no others."""
+    theirs, ours = matplotlib.rcParams, matplotlib.rcParamsDefault
+    changed = {key: value for key, value in ours.items() if key not in UNUSED and theirs[key] != value}
+    with matplotlib.rc_context({**changed, **STYLE}), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # a name in letters that the font lacks is drawn as boxes
+        warnings.filterwarnings("ignore", "constrained_layout not applied")  # nor is one that leaves no room for the axes
         yield
 
 

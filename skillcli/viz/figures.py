@@ -22,7 +22,7 @@ from skillcli.viz import motion, panels_space, panels_time, panels_transfer
 from skillcli.viz.canvas import blank, encoded, legend, mark, skill_handles, styled
 from skillcli.viz.files import FORMATS, replacing
 from skillcli.viz.palette import BETWEEN, TARGET
-from skillcli.viz.scene import Scene
+from skillcli.viz.scene import Scene, drawable
 
 MAX_COLUMNS = 4  # domains beside one another
 
@@ -38,11 +38,21 @@ def figure(scene: Scene, path: Path) -> None:
         UsageError: the suffix is none of the three.
         SkillError: the file cannot be written.
     """
+    with replacing(path) as (temporary,):
+        temporary.write_bytes(image(scene, path))
+
+
+def image(scene: Scene, path: Path) -> bytes:
+    """What `figure` writes.
+
+    Raises:
+        UsageError: the suffix of `path` is none of the three.
+    """
     suffix = path.suffix.lower().removeprefix(".")
     if suffix not in FORMATS:
         raise UsageError(f"cannot draw a figure as {path.name!r}", f"end its name in {', '.join(FORMATS)}")
-    with styled(), replacing(path) as temporary:
-        temporary.write_bytes(encoded(draw(scene), suffix))
+    with styled():
+        return encoded(draw(drawable(scene)), suffix)
 
 
 def draw(scene: Scene) -> Figure:

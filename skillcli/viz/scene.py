@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
 
+from skillcli.plaintext import line
 from skillcli.trajectories import Array, Trajectories
+
+LONGEST = 40  # characters of a name on a figure
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,3 +61,43 @@ class Scene:
         for name, (got, expected) in counts.items():
             if got != expected:
                 raise ValueError(f"scene {self.title}: {name} has {got} rows, expected {expected}")
+
+
+def readable(scene: Scene) -> Scene:
+    """A scene whose names are one line each, in which nothing acts."""
+    return replace(
+        scene,
+        title=line(scene.title),
+        skills=tuple(map(line, scene.skills)),
+        episode_labels=tuple(map(line, scene.episode_labels)),
+        intervals={line(name): interval for name, interval in scene.intervals.items()},
+        other_robot=line(scene.other_robot),
+        curves={line(name): values for name, values in scene.curves.items()},
+    )
+
+
+def drawable(scene: Scene) -> Scene:
+    """The same with names that are no formulas, nor endless."""
+    plain = readable(scene)
+    return replace(
+        plain,
+        title=_short(plain.title),
+        skills=tuple(map(_short, plain.skills)),
+        episode_labels=tuple(map(label, plain.episode_labels)),
+        intervals={label(name): interval for name, interval in plain.intervals.items()},
+        curves={_success_of(name, plain.skills): values for name, values in plain.curves.items()},
+    )
+
+
+def label(text: str) -> str:
+    """Text as matplotlib has to be given it to draw it as it is."""
+    return line(text).replace("$", r"\$")
+
+
+def _success_of(curve: str, skills: tuple[str, ...]) -> str:
+    head, _, skill = curve.partition("/")
+    return f"{head}/{_short(skill)}" if skill in skills else curve
+
+
+def _short(text: str) -> str:
+    return label(text if len(text) <= LONGEST else text[: LONGEST - 1] + "…")

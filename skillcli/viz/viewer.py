@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -20,7 +21,8 @@ def open_viewer(path: Path) -> subprocess.Popen[bytes]:
         SkillError: there is no such file, or no viewer.
     """
     quiet = subprocess.DEVNULL
-    return subprocess.Popen([*_command(path), "--bind", LOOPBACK], stdout=quiet, stderr=quiet, start_new_session=True)
+    command = [*_command(path), "--bind", LOOPBACK]
+    return subprocess.Popen(command, stdout=quiet, stderr=quiet, start_new_session=True, env=_environment())
 
 
 def serve_web(path: Path) -> subprocess.Popen[bytes]:
@@ -31,14 +33,33 @@ def serve_web(path: Path) -> subprocess.Popen[bytes]:
     Raises:
         SkillError: there is no such file, or no viewer.
     """
-    return subprocess.Popen([*_command(path), "--serve-web", "--bind", LOOPBACK], stdout=STDERR)
+    return subprocess.Popen([*_command(path), "--serve-web", "--bind", LOOPBACK], stdout=STDERR, env=_environment())
+
+
+def check(window: bool) -> None:
+    """Find out before the work whether a recording could be looked at, in a window or in a browser.
+
+    Raises:
+        SkillError: there is no viewer, or no display for its window.
+    """
+    _viewer()
+    if window and sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise SkillError("there is no display to open the viewer on", "give --web, or -o FILE.rrd and open that elsewhere")
+
+
+def _environment() -> dict[str, str]:
+    return {name: value for name, value in os.environ.items() if name != "RUST_LOG"}  # its messages hold the address
 
 
 def _command(path: Path) -> list[str]:
     if not path.is_file():
         raise SkillError(f"there is no recording {path}", "write it first: skill viz ID -o FILE.rrd")
+    return [_viewer(), str(path)]
+
+
+def _viewer() -> str:
     beside = Path(sys.executable).parent
     viewer = shutil.which("rerun", path=str(beside)) or shutil.which("rerun")
     if viewer is None:
         raise SkillError(f"the rerun viewer was not found beside {sys.executable}", "pip install rerun-sdk")
-    return [viewer, str(path)]
+    return viewer

@@ -219,7 +219,7 @@ def test_a_robot_is_named_with_its_notes_and_the_table_shows_what_matters(copy: 
     told = skill(*words, "--sensitivity")
     assert told.code == 0, told.err
     assert "meshes.toml: " in told.err and "on the robot of meshes.toml" in told.out
-    for part in ("gap", "replay", "latency-40: alone", "farthest off: latency-40 ", "skill viz tiny/transfer-eval-v2"):
+    for part in ("gap", "replay", "latency-40: alone", "farthest off: latency-40 ", "viz tiny/transfer-eval-v2 --open "):
         assert part in told.out, told.out
     found = made(*words)
     assert found["robot"]["notes"] and found["robot"]["fingerprint"] and "sensitivity" not in found["domains"][0]
@@ -241,7 +241,7 @@ def test_a_plan_that_breaks_a_limit_is_told_with_what_to_do(copy: Path, monkeypa
     told = skill("--store", copy, "compose", "tiny/embed-means", "--method", "sequence", "--plan", "1:0.2")
     assert told.code == 0 and "no success" in told.out and "breaks joint_speed in route 1 for" in told.out
     said = " ".join(told.err.split())
-    assert "breaks a safety limit" in said and "skill viz tiny/compose-v2 --open" in said
+    assert "breaks a safety limit" in said and "viz tiny/compose-v2 --open` shows it" in said
 
 
 def test_finished_stages_are_used_again_until_an_input_changes(chain: Path, copy: Path) -> None:

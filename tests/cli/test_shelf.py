@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import files, made, skill
-from rich.console import Console
 
 from skillcli.cli import drawings
+from skillcli.cli.terminal import Terminal
 from skillcli.store import STAGES
 
 GOLDEN = Path(__file__).parent.parent / "store" / "golden"
@@ -105,7 +105,7 @@ def test_diff_tells_what_differs_and_nothing_else(store: Path) -> None:
 
 def test_migration_is_offered_and_done(store: Path) -> None:
     refused = skill("--store", store, "--json", "show", "reference-point/compose")
-    assert refused.code == 1 and "skill migrate reference-point/compose-v1" in refused.json["error"]["hint"]
+    assert refused.code == 1 and f"--store {store} migrate reference-point/compose-v1`" in refused.json["error"]["hint"]
     new = made("--store", store, "migrate", "reference-point/compose-v1")
     assert new == {"id": "reference-point/compose-v2", "migrated_from": "reference-point/compose-v1", "schema_version": 2}
     assert "migrated from" in said(store, "show", "reference-point/compose")
@@ -154,7 +154,7 @@ def test_a_lock_that_was_left_behind_is_explained_and_removed(store: Path, monke
     (store / ".lock").symlink_to("skill:aaaaaa:bbbbbb:cccc:dddddddd:7:1:far")
     refused = skill("--store", store, "--json", "rm", "tiny/transfer-eval-v1")
     assert refused.code == 1 and "process 7 on far" in refused.json["error"]["message"]
-    assert "skill unlock" in refused.json["error"]["hint"]
+    assert f"`skill --store {store} unlock`" in refused.json["error"]["hint"]
     assert made("--store", store, "unlock")["owner"].startswith("process 7 on far")
     assert made("--store", store, "unlock") == {"unlocked": False, "owner": None}
     made("--store", store, "rm", "tiny/transfer-eval-v1")
@@ -186,7 +186,7 @@ def test_the_shell_completes_ids_without_loading_anything_slow(store: Path) -> N
 
 
 def test_square_brackets_in_a_recipe_are_text() -> None:
-    console = Console(width=60, record=True)
+    console = Terminal(width=60, record=True)
     console.print(drawings.recipe({"description": "goals [/x] and [bold]"}))
     assert "goals [/x] and [bold]" in console.export_text()
 

@@ -184,7 +184,7 @@ def test_one_that_was_asked_for_must_be_whole(chain: Path, tmp_path: Path) -> No
 
 def test_an_empty_store_says_what_to_do(tmp_path: Path) -> None:
     done = skill("--store", tmp_path / "none", "report", "-o", tmp_path / "page.html")
-    assert done.code == 1 and "nothing to report" in done.err and "skill demo" in done.err
+    assert done.code == 1 and "nothing to report" in done.err and " demo`" in done.err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -263,7 +263,18 @@ def test_a_real_robot_is_never_simply_beaten(reference: list[Row]) -> None:
 def test_paper_goals_without_a_counterpart_say_how_to_get_one() -> None:
     none = type("Material", (), {"find": lambda *_, **__: []})()
     rows = [row for table in comparison.tables(none) for row in table.rows]
-    assert len(rows) == 7 and all(row.here is None and row.todo.startswith("skill compose ") for row in rows)
+    assert len(rows) == 7 and all(row.here is None and row.todo.startswith("skill compose ID --") for row in rows)
+
+
+def test_what_the_reference_artifacts_do_not_hold_is_said_with_a_command_that_gives_it(
+    shipped: Store, reference: list[Row], tmp_path: Path
+) -> None:
+    todo = {row.todo for row in reference if row.todo}
+    assert "skill compose reference-reach/embed-means --method ddpg --goal=0.5,0,0.15" in todo
+    assert "skill compose reference-push/embed-means --goal=-0.2,0.1" in todo
+    _, missing = pictures.drawings(select(shipped, [ArtifactId("reference-reach", "embed-means", 1)]))
+    (arms,) = [one for one in missing if one.what.startswith("Composer:")]
+    assert "--latents continuous` and `skill compose reference-reach/embed-means" in arms.reason
 
 
 def test_the_reference_store_gives_the_papers_figures(shipped: Store, tmp_path: Path) -> None:

@@ -226,7 +226,7 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path, monkeypa
     path.write_text("old")
 
     def full(*_: object) -> None:
-        raise RuntimeError("No space left on device")
+        raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("skillcli.viz.recording.log_curves", full)
     with pytest.raises(SkillError, match="No space left"):

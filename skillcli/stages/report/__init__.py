@@ -11,12 +11,13 @@ from typing import Any
 
 from skillcli import __version__
 from skillcli.errors import SkillError
+from skillcli.plaintext import visible
 from skillcli.stages.report.comparison import tables
 from skillcli.stages.report.pictures import SLUGS, drawings
 from skillcli.stages.report.selection import Material, select
 from skillcli.store import Artifact, ArtifactId, Store
 from skillcli.viz.files import replacing
-from skillcli.viz.report.content import Drawing, Missing, Origin, Page, RecipeText
+from skillcli.viz.report.content import Missing, Origin, Page, RecipeText
 
 SUFFIXES = ("pdf", "png")  # of the files beside the page
 
@@ -56,11 +57,9 @@ def report(store: Store, ids: Sequence[ArtifactId], path: Path) -> Reported:
         left_out=material.left_out,
         version=__version__,
     )
-    text = render(page)
     folder = path.with_name(f"{path.stem}_figures")
-    _write_figures(folder, drawn)
-    with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    files = {folder / f"{drawing.slug}.{suffix}": drawing.files[suffix] for drawing in drawn for suffix in SUFFIXES}
+    _write(folder, {**files, path: visible(render(page)).encode()})
     return Reported(path, folder, page)
 
 
@@ -72,19 +71,23 @@ def _check_place(path: Path) -> None:
         raise SkillError(f"cannot write {path}: there is no folder {path.parent}", "make it, or choose another")
 
 
-def _write_figures(folder: Path, drawn: Sequence[Drawing]) -> None:
-    """Write what was drawn, and take away what an earlier report drew and this one did not."""
+def _write(folder: Path, files: Mapping[Path, bytes]) -> None:
+    """Write page and figures, all or none, and take away figures that an earlier report drew and this one did not."""
+    new = not folder.exists()
     try:
         folder.mkdir(exist_ok=True)
     except OSError as error:
         raise SkillError(f"cannot make the folder {folder}: {error.strerror}", "choose another place for the page") from error
-    for drawing in drawn:
-        for suffix in SUFFIXES:
-            with replacing(folder / f"{drawing.slug}.{suffix}") as temporary:
-                temporary.write_bytes(drawing.files[suffix])
-    for slug in SLUGS - {drawing.slug for drawing in drawn}:
-        for suffix in SUFFIXES:
-            (folder / f"{slug}.{suffix}").unlink(missing_ok=True)
+    try:
+        with replacing(*files) as temporary:
+            for unfinished, data in zip(temporary, files.values(), strict=True):
+                unfinished.write_bytes(data)
+    except BaseException:
+        if new:
+            folder.rmdir()
+        raise
+    for old in {folder / f"{slug}.{suffix}" for slug in SLUGS for suffix in SUFFIXES} - files.keys():
+        old.unlink(missing_ok=True)
 
 
 def _origin(artifact: Artifact) -> Origin:

@@ -72,12 +72,12 @@ def _reach_composed(material: Material) -> Iterator[Row]:
     composed = material.find("compose", "reach")
     for goal, theirs in paper.REACH_UNSEEN.items():
         made = [one for one in composed if _targets(one) == [goal]]
-        what, command = f"unseen point {_place(goal)}", f"skill compose --method ddpg --goal={','.join(f'{x:g}' for x in goal)}"
+        what, asked = f"unseen point {_place(goal)}", f"--method ddpg --goal={','.join(f'{x:g}' for x in goal)}"
         for one in made:
             label = f"{what}, {one.value('results', 'method')}"
             yield _distance(label, theirs, one, ("final_distance_m",), real=True)
         if not made:
-            yield Row(what, f"{_cm(theirs)} (ddpg, real)", None, "", command)
+            yield Row(what, f"{_cm(theirs)} (ddpg, real)", None, "", _compose(material, "reach", asked))
     for one in [one for one in composed if one.value("results", "task") == "triangle"]:
         yield _lower(
             "triangle: planning",
@@ -139,7 +139,7 @@ def _push_searched(material: Material) -> Iterator[Row]:
             label = f"{_place(goal)}, {one.value('results', 'method')}"
             yield _distance(label, theirs, one, ("final_distance_m",), real=False)
         if not made:
-            command = f"skill compose --goal={goal[0]:g},{goal[1]:g}"
+            command = _compose(material, "push", f"--goal={goal[0]:g},{goal[1]:g}")
             yield Row(_place(goal), f"{_cm(theirs)} (sim)", None, "", command)
     for one in composed:
         ends, tolerance = one.value("results", "final_distances_m"), one.scene.tolerance
@@ -231,6 +231,12 @@ def _within(distance: float, tolerance: float) -> str:
 
 
 # --- reading ----------------------------------------------------------------------------------------------------------
+
+
+def _compose(material: Material, task: str, asked: str) -> str:
+    """The command that composes with the first library of a task: without its id the newest of any task would be taken."""
+    libraries = material.find("embed-means", task) or material.find("pretrain", task)
+    return f"skill compose {libraries[0].artifact.id.series if libraries else 'ID'} {asked}"
 
 
 def _bare(one: Exhibit) -> bool:

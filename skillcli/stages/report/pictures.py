@@ -17,6 +17,7 @@ from skillcli.viz.canvas import encoded, styled
 from skillcli.viz.files import FORMATS
 from skillcli.viz.plots import composers, interpolation, learning, point, push, reach, transfer
 from skillcli.viz.report.content import Drawing, Missing
+from skillcli.viz.scene import label
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -49,7 +50,7 @@ def drawings(material: Material) -> tuple[list[Drawing], list[Missing]]:
         plan = subject.plan(material)
         number = f" (figure {subject.paper_figure} of the paper)" if subject.paper_figure else ""
         if plan is None:
-            missing.append(Missing(f"{subject.title}{number}", f"there is no {subject.needs}"))
+            missing.append(Missing(f"{subject.title}{number}", f"there is no {subject.needs}{_remedy(subject, material)}"))
             continue
         with styled():
             figure = plan.make()
@@ -57,6 +58,16 @@ def drawings(material: Material) -> tuple[list[Drawing], list[Missing]]:
         ids = [one.id for one in plan.used]
         drawn.append(Drawing(subject.slug, subject.paper_figure, subject.title, plan.caption, ids, files))
     return drawn, missing
+
+
+def _remedy(subject: Subject, material: Material) -> str:
+    """The commands that give figure 10, which no chain makes by itself."""
+    libraries = material.find("embed-means", "reach")
+    if subject.plan is not _arm_returns or not libraries:
+        return ""
+    goal = ",".join(f"{x:g}" for x in next(iter(paper.REACH_UNSEEN)))
+    compose = f"skill compose {libraries[0].artifact.id.series} --method ddpg --goal={goal} --latents"
+    return f": `{compose} continuous` and `{compose} interpolated`"
 
 
 # --- of the paper -----------------------------------------------------------------------------------------------------
@@ -312,7 +323,7 @@ def _composed(one: Exhibit) -> str:
     """What a composition is, short."""
     method, task = one.value("results", "method"), one.value("results", "task")
     goal = ", ".join(f"{x:g}" for x in one.scene.waypoints[-1])
-    return f"{method}: ({goal})" if task == "goals" else f"{method}: {task}"
+    return label(f"{method}: ({goal})" if task == "goals" else f"{method}: {task}")
 
 
 def _closest(one: Exhibit) -> str:
@@ -330,7 +341,7 @@ def _transfers(material: Material) -> tuple[list[Exhibit], list[str]]:
 def _arm(one: Exhibit) -> str:
     """The latents that a composer may choose from."""
     ddpg = one.artifact.recipe.get("ddpg")
-    return str(ddpg.get("latents", "")) if isinstance(ddpg, dict) else ""
+    return label(str(ddpg.get("latents", ""))) if isinstance(ddpg, dict) else ""
 
 
 def _with_arm(one: Exhibit) -> bool:

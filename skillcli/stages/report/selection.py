@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from skillcli.errors import SkillError, StoreError
 from skillcli.stages.visualise import scene_of
 from skillcli.store import Artifact, ArtifactId, Header, Store
-from skillcli.viz.scene import Scene
+from skillcli.viz.scene import Scene, drawable
 
 LIMIT = 100  # artifacts on one page
 PREFERRED = "reference"  # names that begin so come first
-LONGEST = 40  # characters of a name on a figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +71,7 @@ def select(store: Store, ids: Sequence[ArtifactId]) -> Material:
     for one in wanted[:LIMIT]:
         try:
             artifact = store.read(one)
-            exhibits.append(Exhibit(artifact, _plain(scene_of(store, one))))
+            exhibits.append(Exhibit(artifact, drawable(scene_of(store, one))))
         except SkillError as error:
             if one in ids:
                 raise
@@ -128,26 +127,3 @@ def _newest(headers: Sequence[Header]) -> Iterator[ArtifactId]:
         if key not in seen:
             seen.add(key)
             yield header.id
-
-
-def _plain(scene: Scene) -> Scene:
-    """A scene whose names can be drawn whatever they are: no line breaks, no formulas, not endless."""
-    return replace(
-        scene,
-        title=_drawable(scene.title),
-        skills=tuple(map(_drawable, scene.skills)),
-        episode_labels=tuple(map(_drawable, scene.episode_labels)),
-        intervals={_drawable(name): interval for name, interval in scene.intervals.items()},
-        curves={_success_of(name, scene.skills): values for name, values in scene.curves.items()},
-    )
-
-
-def _success_of(curve: str, skills: Sequence[str]) -> str:
-    head, _, skill = curve.partition("/")
-    return f"{head}/{_drawable(skill)}" if skill in skills else curve
-
-
-def _drawable(text: str) -> str:
-    printable = "".join(mark if mark.isprintable() else "?" for mark in str(text))
-    short = printable if len(printable) <= LONGEST else printable[: LONGEST - 1] + "…"
-    return short.replace("$", r"\$")

@@ -25,7 +25,7 @@ from skillcli.viz.recording.notes import log_card
 from skillcli.viz.recording.opening import blueprint
 from skillcli.viz.recording.series import log_curves, log_series
 from skillcli.viz.recording.space import log_comparison, log_goals, log_model, log_paths
-from skillcli.viz.scene import Scene
+from skillcli.viz.scene import Scene, readable
 
 
 def record(scene: Scene, path: Path) -> list[str]:
@@ -41,16 +41,24 @@ def record(scene: Scene, path: Path) -> list[str]:
     Raises:
         SkillError: the file cannot be written, or does not read back.
     """
-    with replacing(path) as temporary:
-        stream = rr.RecordingStream(slug(f"skill-{scene.title}"), recording_id=uuid.uuid4())
-        try:
-            stream.save(temporary, default_blueprint=blueprint(scene))
-            _log_all(stream, scene)
-            stream.flush()
-            stream.disconnect()
-        except RuntimeError as error:  # what rerun raises when the file takes no more
-            raise SkillError(f"cannot write {path}: {error}", "choose another folder, or free some space") from error
-        return _entities(temporary)
+    with replacing(path) as (temporary,):
+        return write(scene, temporary)
+
+
+def write(scene: Scene, path: Path) -> list[str]:
+    """As `record`, in place.
+
+    Raises:
+        OSError: the disk does not take it.
+        SkillError: it does not read back.
+    """
+    scene = readable(scene)
+    stream = rr.RecordingStream(slug(f"skill-{scene.title}"), recording_id=uuid.uuid4())
+    memory = stream.memory_recording()  # rerun's own writing to a disk that is full hangs, or does not say why
+    stream.send_blueprint(blueprint(scene), make_active=False)
+    _log_all(stream, scene)
+    path.write_bytes(memory.drain_as_bytes())
+    return _entities(path)
 
 
 def _entities(path: Path) -> list[str]:

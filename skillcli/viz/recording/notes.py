@@ -9,6 +9,7 @@ import rerun as rr
 
 from skillcli.metrics import final_distance
 from skillcli.perturbation import PARAMETERS
+from skillcli.plaintext import markdown
 from skillcli.trajectories import Array
 from skillcli.viz import motion
 from skillcli.viz.recording.clock import Clock
@@ -37,17 +38,21 @@ def log_card(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
 def card(scene: Scene, episode: int) -> str:
     """How the episode ended, its passes of the waypoints, and the robot that was drawn for it, as Markdown."""
     won = "success" if scene.trajectories.success[episode] else "failure"
-    parts = [f"## {scene.episode_labels[episode]}", f"**{won}**, {_ending(scene, episode)}"]
+    parts = [f"## {markdown(scene.episode_labels[episode])}", f"**{won}**, {_ending(scene, episode)}"]
     if (sent := motion.sent(scene)) is not None:
         parts[-1] += f" (in the source: {_ending(sent, int(scene.episode_source[episode]))})"
     if len(passes := motion.closest(scene, episode)):
         parts.append("closest to its waypoints, in order: " + ", ".join(f"{100 * gap:.1f} cm" for gap in passes))
     rows = [
-        f"| {name.replace('_', ' ')} | {' '.join(f'{x:.3g}' for x in np.atleast_1d(values[episode]))} | {PARAMETERS[name][1]} |"
+        f"| {markdown(name.replace('_', ' '))} | {_numbers(values[episode])} | {PARAMETERS[name][1]} |"
         for name, values in scene.drawn.items()
         if not np.isnan(values[episode]).any()
     ]
     return "\n\n".join([*parts, *(["\n".join(["| drawn | value | unit |", "|---|---|---|", *rows])] if rows else [])])
+
+
+def _numbers(values: Array) -> str:
+    return " ".join(f"{x:.3g}" for x in np.atleast_1d(values))
 
 
 def _ending(scene: Scene, episode: int) -> str:

@@ -94,3 +94,8 @@ class Page:
     skipped: Sequence[Missing]
     left_out: int  # older artifacts that are not looked at
     version: str  # of skill
+
+    @property
+    def todo(self) -> list[Row]:
+        """Rows without a number that a command would give."""
+        return [row for table in self.tables for row in table.rows if row.todo]

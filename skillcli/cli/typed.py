@@ -1,0 +1,51 @@
+"""Commands as they are typed: those that were, and those that are proposed."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+PLACE = "--store"
+SWITCHES = ("--json", "--quiet", "--debug")
+
+_PROPOSED = re.compile(
+    r"(?P<before>^|`|: )skill (?=(?:pretrain|embed-means|compose|transfer-eval|run|demo|viz|report|ls|show|diff|verify|pin"
+    r"|unpin|rm|gc|export|import|migrate|unlock|doctor)\b)"
+)
+
+
+def split(words: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Options for every command, which may stand anywhere before a `--`, and the rest."""
+    ours: list[str] = []
+    rest: list[str] = []
+    pending = list(words)
+    while pending and pending[0] != "--":
+        word = pending.pop(0)
+        if word == PLACE and pending:
+            ours += [word, pending.pop(0)]
+        else:
+            (ours if word in SWITCHES or word.startswith(f"{PLACE}=") else rest).append(word)
+    return ours, rest + pending
+
+
+def recorded() -> str:
+    """The command as typed, without the options that only concern printing and places."""
+    return shlex.join(["skill", *split(sys.argv[1:])[1]])
+
+
+def runnable(text: str) -> str:
+    """The text with every command that it proposes as it has to be typed to reach the same store by the same program."""
+    place = [word for word in split(sys.argv[1:])[0] if word not in SWITCHES]
+    prefix = shlex.join([_program(), *place])
+    return _PROPOSED.sub(lambda found: f"{found['before']}{prefix} ", text)
+
+
+def _program() -> str:
+    """`skill`, or its path where that word would start another program: many systems have one that sends signals."""
+    called, found = Path(sys.argv[0]), shutil.which("skill")
+    ours = not called.is_file() or (found is not None and called.samefile(found))
+    return "skill" if ours else str(called)

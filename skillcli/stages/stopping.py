@@ -1,0 +1,54 @@
+"""How work is asked to stop: by Ctrl-C, by a scheduler, or by a terminal that goes away."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from types import FrameType
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, *((signal.SIGHUP,) if hasattr(signal, "SIGHUP") else ()))
+ECHO_SECONDS = 5.0
+"""A session that ends sends SIGHUP twice, or SIGTERM along with it, within moments: that is one request."""
+
+
+def heeded() -> list[signal.Signals]:
+    """Those of the signals that were not ignored when this process began: `nohup` means what it says."""
+    return [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
+
+
+class StopRequest:
+    """Whether the work is asked to stop: once at the next safe point, twice at once."""
+
+    def __init__(self) -> None:
+        self.requested = False
+        self._since = 0.0
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        """Take a signal."""
+        echo = number != signal.SIGINT and time.monotonic() - self._since < ECHO_SECONDS
+        if self.requested and not echo:
+            raise KeyboardInterrupt
+        if not self.requested:
+            self.requested, self._since = True, time.monotonic()
+
+
+@contextmanager
+def answered(answer: signal._HANDLER) -> Iterator[None]:
+    """Let `answer` take the signals inside the block; outside the main thread, where they do not arrive, nothing changes."""
+    with ExitStack() as stack:
+        try:
+            for number in heeded():
+                stack.callback(signal.signal, number, signal.signal(number, answer))
+        except ValueError:  # signals belong to the main thread
+            pass
+        yield
+
+
+@contextmanager
+def stoppable() -> Iterator[StopRequest]:
+    """Turn the first signal inside the block into a request."""
+    stop = StopRequest()
+    with answered(stop):
+        yield stop
