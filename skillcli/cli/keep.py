@@ -111,10 +111,11 @@ def import_(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="From `skill export`, or a single artifact's .h5 file.")],
 ) -> None:
     """Take artifacts from elsewhere into the store; nothing in the file is trusted before it is checked."""
+    from skillcli.stages.meaning import check_meaning
     from skillcli.store import import_file
 
     session: Session = context.obj
-    found = import_file(session.store, file)
+    found = import_file(session.store, file, check_meaning)
     lines = []
     for one in found:
         renamed = f" (exported as {one.exported}; that id is taken by another)" if one.id != one.exported else ""

@@ -204,8 +204,10 @@ def verify(
     lineage: Annotated[bool, typer.Option("--lineage", help="Also everything it was made from.")] = False,
     everything: Annotated[bool, typer.Option("--all", help="Every artifact of the store.")] = False,
 ) -> None:
-    """Check artifacts bit by bit: file, content, schema and parents."""
+    """Check artifacts bit by bit: file, content, schema, what it means, and parents."""
     from rich.markup import escape
+
+    from skillcli.stages.meaning import check_meaning
 
     session: Session = context.obj
     store = session.store
@@ -213,7 +215,7 @@ def verify(
         raise UsageError("verify takes an ID or --all, not both", "leave one of them out")
     found = None if everything else session.pick(source)
     ids = [*([found] if found else store.ids()), *(_known(session, found) if found and lineage else ())]
-    problems = {one: store.verify(one) for one in ids}
+    problems = {one: store.verify(one, check_meaning) for one in ids}
     listed = [problem for each in problems.values() for problem in each]
     payload: dict[str, Any] = {"id": str(found) if found else None, "ok": not listed, "problems": listed}
     if everything or lineage:

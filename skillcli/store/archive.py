@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 import tarfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -78,16 +78,21 @@ def export(store: Store, artifact_id: ArtifactId, path: Path) -> list[ArtifactId
     return ids
 
 
-def import_file(store: Store, path: Path) -> list[Imported]:
+def import_file(store: Store, path: Path, check: Callable[[Artifact], None] = lambda _: None) -> list[Imported]:
     """Take the artifacts of an export, or a single artifact's file, into a store.
 
     All are checked before the first gets its name. One whose id is taken by another content gets the next free version,
     and those made from it say so.
 
+    Args:
+        store: where to.
+        path: the file.
+        check: sees every artifact too, and may raise a StoreError to refuse them all.
+
     Raises:
         StoreError: the file is damaged, hostile or made by a newer skill, or the store refuses.
     """
-    with _unpacked(store, path) as artifacts:
+    with _unpacked(store, path, check) as artifacts:
         renamed: dict[ArtifactId, ArtifactId] = {}
         imported = []
         for artifact in artifacts:
@@ -142,16 +147,16 @@ def _content(store: Store, artifact_id: ArtifactId) -> str:
 
 
 @contextmanager
-def _unpacked(store: Store, path: Path) -> Iterator[Iterator[Artifact]]:
+def _unpacked(store: Store, path: Path, check: Callable[[Artifact], None]) -> Iterator[Iterator[Artifact]]:
     """All artifacts of a file, each checked, ancestors first; one at a time in memory."""
     with ExitStack() as stack:
         if _is_single(path):
             with reading(path):
                 single = ArtifactId.parse(str(peek(path)["id"]))
             places = [(single, path)]
-            _checked(single, path)
+            check(_checked(single, path))
         else:
-            places = list(_extracted(store, path, stack))
+            places = list(_extracted(store, path, check, stack))
         yield (codec.read_artifact(place, one, older=True) for one, place in places)
 
 
@@ -160,7 +165,9 @@ def _is_single(path: Path) -> bool:
         return file.read(len(MAGIC)) == MAGIC
 
 
-def _extracted(store: Store, path: Path, stack: ExitStack) -> Iterator[tuple[ArtifactId, Path]]:
+def _extracted(
+    store: Store, path: Path, check: Callable[[Artifact], None], stack: ExitStack
+) -> Iterator[tuple[ArtifactId, Path]]:
     """Copy each artifact of an export into the store's folder, under a temporary name until `stack` is closed, and check it."""
     known: dict[ArtifactId, str] = {}
     with reading(path), open_regular(path) as file:
@@ -183,6 +190,7 @@ def _extracted(store: Store, path: Path, stack: ExitStack) -> Iterator[tuple[Art
             with storage_errors(f"write in {store.root}"):
                 temporary.write_bytes(data)
             artifact = _checked(one, temporary)
+            check(artifact)
             _check_parents(artifact, entry, known)
             known[one] = artifact.content_sha256
             yield one, temporary

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -187,14 +187,17 @@ class Store:
         """The headers of all readable artifacts, newest last."""
         return self.listing().headers
 
-    def find(self, kind: str, inputs_sha256: str, name: str | None = None) -> ArtifactId | None:
-        """The newest artifact of this kind and the present schema that was made from exactly these inputs, if any."""
+    def find(self, kind: str, inputs_sha256: str, name: str | None = None) -> list[ArtifactId]:
+        """The artifacts of this kind and the present schema that say they were made from exactly these inputs, newest first.
+
+        Anybody can write a header: who uses one in place of work compares it with its content, see `skillcli.stages.reuse`.
+        """
         if not inputs_sha256:
-            return None
+            return []
         version = schema.KINDS[kind].version
         wanted = (kind, version, inputs_sha256)
         same = [one for one in self.headers() if (one.kind, one.schema_version, one.inputs_sha256) == wanted]
-        return next((one.id for one in reversed(same) if name in (None, one.id.name)), None)
+        return [one.id for one in reversed(same) if name in (None, one.id.name)]
 
     def lineage(self, artifact_id: ArtifactId) -> list[ArtifactId]:
         """All ancestors, nearest first; those that are gone are named too, but theirs are not known.
@@ -215,8 +218,12 @@ class Store:
         """The artifacts that were made directly from this one, oldest first."""
         return [header.id for header in self.headers() if artifact_id in [parent.id for parent in header.parents]]
 
-    def verify(self, artifact_id: ArtifactId) -> list[str]:
+    def verify(self, artifact_id: ArtifactId, check: Callable[[Artifact], None] = lambda _: None) -> list[str]:
         """What is wrong with an artifact, one line each; nothing when it is as it was written.
+
+        Args:
+            artifact_id: which one.
+            check: sees it as well, and may raise a StoreError.
 
         Raises:
             UnknownArtifact: there is none.
@@ -224,6 +231,7 @@ class Store:
         path = self._existing(artifact_id)
         try:
             artifact = codec.read_artifact(path, artifact_id, older=True)
+            check(artifact)
         except StoreError as error:
             return [error.message]
         problems = [self._parent_problem(parent) for parent in artifact.parents]
