@@ -91,7 +91,9 @@ def test_a_state_that_is_not_ours_is_refused_in_one_line(path: Path, text: str |
     state = {} if text is None else {"record/state": text_array(text)}
     header = {"kind": "checkpoint", "schema_version": 1, "packages": package_versions()}
     path.parent.mkdir(parents=True)
-    path.write_bytes(pack(header, Contents({}, {**ARRAYS, **state}), lambda _, ndim: ("", "")))
+    path.write_bytes(
+        pack(header, Contents({}, {**ARRAYS, **state}), lambda _, ndim: (",".join(f"axis{i}" for i in range(ndim)), ""))
+    )
     with pytest.raises(StoreError, match=told) as caught:
         load_checkpoint(path)
     assert "\n" not in caught.value.message

@@ -178,11 +178,6 @@ def test_measurements_that_nobody_could_read_are_refused(store: Store, make: Mak
     assert told in refused(store, forge(store, good, measured={**kept, **measured}))
 
 
-def test_a_recipe_of_another_name_is_refused(store: Store, make: Make) -> None:
-    good = store.write(make("pretrain"))
-    assert "name of its recipe" in refused(store, forge(store, good, recipe_name="other"))
-
-
 def test_much_that_is_wrong_is_said_in_short(store: Store, make: Make) -> None:
     good = store.write(make("pretrain"))
     skills = [{} for _ in range(5000)]
