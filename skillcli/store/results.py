@@ -51,7 +51,15 @@ DISTANCES = {
     **dict.fromkeys(("mean", "median", "p90"), Maybe(float)),
     **dict.fromkeys(("p10", "p25", "p75"), Optional(Maybe(float))),
 }
-OUTCOME = {"episodes": int, "successes": int, "success_rate": float, "ci95": INTERVAL, "final_distance_m": DISTANCES}
+OUTCOME = {
+    "episodes": int,
+    "successes": int,
+    "success_rate": float,
+    "ci95": INTERVAL,
+    "final_distance_m": DISTANCES,
+    "deterministic": Optional(bool),
+    "unstable": Optional(int),
+}
 WORST = {"episode": int, "final_distance_m": Maybe(float), "success": bool, "parameters": DictOf(float)}
 
 _PRETRAIN = {
