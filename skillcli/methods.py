@@ -38,7 +38,7 @@ class Episodes(Section):
     )
     reward_scale: float = value(5.0, "factor on the reward, minus the metres left to go", "1/m", gt=0)
     discount: float = value(0.9, "gamma", "1/segment", ge=0, lt=1)
-    hidden: tuple[int, ...] = value((64, 64), "hidden layers of every network", "units", min_length=1)
+    hidden: tuple[int, ...] = value((64, 64), "hidden layers of every network", "units", min_length=1, max_length=16)
 
     @model_validator(mode="after")
     def _whole(self) -> Episodes:

@@ -28,6 +28,10 @@ Vector3 = tuple[float, float, float]
 Joints = tuple[float, float, float, float, float, float, float]
 
 
+MAX_SKILLS = 1000  # every pair of them is looked at
+MAX_LAYERS = 16
+
+
 class SkillSet(Section):
     """What every task has: goals, one skill each, and their names."""
 
@@ -50,13 +54,13 @@ class PointTask(SkillSet):
 
     name: Literal["point"] = value("point", "which task", "")
     goals: tuple[tuple[float, float], ...] = value(
-        ((0, 3), (3, 0), (0, -3), (-3, 0)), "where each skill should end", "m", min_length=1
+        ((0, 3), (3, 0), (0, -3), (-3, 0)), "where each skill should end", "m", min_length=1, max_length=MAX_SKILLS
     )
     names: tuple[str, ...] = value((), "names of the skills; numbers from 1 where there are none", "")
     tolerance: float = value(0.1414, "success radius: the diagonal of one step", "m", gt=0)
     horizon: int = value(50, "control steps in an episode", "steps", ge=2, le=10_000)
     step_limit: float = value(0.1, "largest move per axis and control step", "m", gt=0)
-    control_period: float = value(0.05, "time between two commands; nominal, the point has no physics", "s", gt=0, le=1)
+    control_period: float = value(0.05, "time between two commands; nominal, the point has no physics", "s", ge=1e-3, le=1)
     bound: float = value(5.0, "positions are clipped to this on either axis", "m", gt=0)
 
 
@@ -70,8 +74,8 @@ class ArmTask(SkillSet):
         "joint vector at reset: gripper at (.6, 0, .25), pointing down", "rad",
     )  # fmt: skip
     action_limit: float = value(0.04, "largest joint increment per control step", "rad", gt=0, le=0.2)
-    control_period: float = value(0.05, "time between two commands", "s", gt=0, le=1)
-    timestep: float = value(0.005, "time step of the physics", "s", gt=0, le=0.02)
+    control_period: float = value(0.05, "time between two commands", "s", ge=1e-3, le=1)
+    timestep: float = value(0.005, "time step of the physics", "s", ge=1e-4, le=0.02)
     observe_command: bool = value(
         False, "the policy also sees how far its commanded joint target leads the measured joints: what is still under way"
     )
@@ -94,6 +98,7 @@ class ReachTask(ArmTask):
             (0.7, 0.3, 0.15), (0.7, -0.3, 0.15), (0.7, 0.3, 0.3), (0.7, -0.3, 0.3),
         ),
         "where the gripper of each skill should end, in the frame of the base", "m", min_length=1,
+        max_length=MAX_SKILLS,
     )  # fmt: skip
     names: tuple[str, ...] = value((), "names of the skills; numbers from 1 where there are none", "")
 
@@ -105,12 +110,15 @@ class PushTask(ArmTask):
     goals: tuple[tuple[float, float], ...] = value(
         ((0.15, 0), (-0.15, 0), (0, 0.15), (0, -0.15)),
         "where the box of each skill should end, as seen from its nominal start", "m", min_length=1,
+        max_length=MAX_SKILLS,
     )  # fmt: skip
     names: tuple[str, ...] = value(
         ("up", "down", "left", "right"), "names of the skills; numbers from 1 where there are none", ""
     )
     horizon: int = value(80, "control steps in an episode", "steps", ge=2, le=10_000)
-    timestep: float = value(0.0025, "time step of the physics, which contact needs finer than free motion", "s", gt=0, le=0.02)
+    timestep: float = value(
+        0.0025, "time step of the physics, which contact needs finer than free motion", "s", ge=1e-4, le=0.02
+    )
     start: Joints = value(
         (-0.297, -1.0105, 0.0752, 1.6086, -0.0483, 0.9745, 3.016),
         "joint vector at reset: gripper 14 cm above the table at (.65, 0)", "rad",
@@ -163,12 +171,14 @@ class Embedding(Section):
 class Network(Section):
     """Sizes of the networks; all of them are tanh multilayer perceptrons."""
 
-    policy_hidden: tuple[int, ...] = value((128, 128), "hidden layers of the policy", "units")
+    policy_hidden: tuple[int, ...] = value((128, 128), "hidden layers of the policy", "units", max_length=MAX_LAYERS)
     linear_latent: bool = value(
         False, "the policy's mean is affine in the latent: between two latents it acts between the two, in every state"
     )
-    value_hidden: tuple[int, ...] = value((128, 128), "hidden layers of the value function", "units")
-    inference_hidden: tuple[int, ...] = value((64, 64), "hidden layers of the inference network", "units")
+    value_hidden: tuple[int, ...] = value((128, 128), "hidden layers of the value function", "units", max_length=MAX_LAYERS)
+    inference_hidden: tuple[int, ...] = value(
+        (64, 64), "hidden layers of the inference network", "units", max_length=MAX_LAYERS
+    )
     initial_action_std: float = value(0.6, "exploration at the start, in units of the action limit", "", ge=0.02, le=1)
 
     @model_validator(mode="after")

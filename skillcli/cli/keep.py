@@ -118,10 +118,11 @@ def import_(
     replace: Annotated[bool, typer.Option("--replace", help="Put whole artifacts in the place of damaged ones.")] = False,
 ) -> None:
     """Take artifacts from elsewhere into the store; nothing in the file is trusted before it is checked."""
+    from skillcli.stages.meaning import check_meaning
     from skillcli.store import import_file
 
     session: Session = context.obj
-    found = import_file(session.store, file, replace_damaged=replace)
+    found = import_file(session.store, file, check_meaning, replace_damaged=replace)
     lines = []
     for one in found:
         renamed = f" (exported as {one.exported}, whose number is taken or too high)" if one.id != one.exported else ""

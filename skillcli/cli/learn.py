@@ -128,8 +128,6 @@ def compose(
     on: Annotated[str, option("Plan on one robot drawn from this domain, see `skill domains`.", metavar="DOMAIN")] = "",
 ) -> None:
     """Compose frozen skills in the latent space into a task never trained (stage 2)."""
-    from skillcli.recipe import resolve
-
     session: Session = context.obj
     goals = [_numbers(text) for text in goal or ()]
     given = {
@@ -144,9 +142,10 @@ def compose(
     from skillcli.cli.tables import where
     from skillcli.stages.compose import Request
     from skillcli.stages.compose import compose as stage
+    from skillcli.stages.meaning import stored_recipe
 
-    recipe = resolve(
-        session.store.read(found).recipe, [*(ON_TARGET if on and method == "search" else ()), *(overrides or ()), *chosen]
+    recipe = stored_recipe(
+        session.store.read(found), [*(ON_TARGET if on and method == "search" else ()), *(overrides or ()), *chosen]
     )
     request = Request.of(recipe, task, goals, method)
     with _whole("compose"), session.progress() as report:
@@ -181,14 +180,13 @@ def transfer_eval(
     overrides: Set = None,
 ) -> None:
     """Run a composition, or bare skills, on robots that differ from the simulation (stage 3)."""
-    from skillcli.recipe import resolve
-
     session: Session = context.obj
     found = session.pick(source, "compose", *(("embed-means", "pretrain") if source else ()))
+    from skillcli.stages.meaning import stored_recipe
     from skillcli.stages.transfer_eval import transfer_eval as stage
 
     given = [*(overrides or ()), *(["transfer.replan=true"] if replan else [])]
-    recipe = resolve(session.store.read(found).recipe, given)
+    recipe = stored_recipe(session.store.read(found), given)
     domains = list(dict.fromkeys(domain or recipe.transfer.domains))
     other = None
     if robot is not None:

@@ -203,8 +203,10 @@ def verify(
     lineage: Annotated[bool, typer.Option("--lineage", help="Also everything it was made from.")] = False,
     everything: Annotated[bool, typer.Option("--all", help="Every artifact of the store.")] = False,
 ) -> None:
-    """Check artifacts bit by bit: file, content, schema and parents."""
+    """Check artifacts bit by bit: file, content, schema, what it means, and parents."""
     from rich.text import Text
+
+    from skillcli.stages.meaning import check_meaning
 
     session: Session = context.obj
     store = session.filled if everything else session.store
@@ -212,7 +214,7 @@ def verify(
         raise UsageError("verify takes an ID or --all, not both", "leave one of them out")
     found = None if everything else session.pick(source)
     ids = [found, *(_known(session, found) if lineage else ())] if found else []
-    problems = store.verify_all() if everything else {one: store.verify(one) for one in ids}
+    problems = store.verify_all(check_meaning) if everything else {one: store.verify(one, check_meaning) for one in ids}
     listed = [problem for each in problems.values() for problem in each]
     payload: dict[str, Any] = {"id": str(found) if found else None, "ok": not listed, "problems": listed}
     strangers = [path for path in store.strangers() if path.name not in PICTURES] if everything else []

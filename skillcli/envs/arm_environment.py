@@ -38,7 +38,6 @@ class ArmEnvironment:
     """
 
     action_size = 7
-    shown_size = 0  # numbers of `shown`
     privileged_size = 0
     failure_reward = 0.0  # of the step that fails
     table_tolerance = STIFF_TABLE_TOLERANCE
@@ -49,7 +48,7 @@ class ArmEnvironment:
         self.num, self.horizon, self.tolerance, self.robot = num, task.horizon, task.tolerance, robot
         self.control_period = task.control_period
         self._observe_command = task.observe_command
-        self.observation_size = 10 + self.shown_size + (7 if task.observe_command else 0)
+        self.shown_size, self.observation_size = self.shows(task), self.observes(task)
         substeps = round(task.control_period / spec.option.timestep)
         names = robot.names if robot else sawyer.NAMES
         self.arms = Arms(spec.compile(), num, substeps, task.action_limit, threads, names)
@@ -66,6 +65,16 @@ class ArmEnvironment:
         self._disturbance: Disturbance | None = None
         self._clearance: Clearance | None = None  # made when it is first asked for
         self.reset(np.arange(num), np.zeros(num, dtype=np.int64))
+
+    @classmethod
+    def shows(cls, task: ArmTask) -> int:
+        """How many numbers `shown` has."""
+        return 0
+
+    @classmethod
+    def observes(cls, task: ArmTask) -> int:
+        """Size of the observation of a task."""
+        return 10 + cls.shows(task) + (7 if task.observe_command else 0)
 
     def position(self) -> Array:
         """What is observed beside the joints, (N, 3) m."""

@@ -17,7 +17,7 @@ from skillcli.envs.robot import Robot
 from skillcli.envs.safety import BOX_TOLERANCE, SOFT_TABLE_TOLERANCE, UPRIGHT, Cover
 from skillcli.errors import UsageError
 from skillcli.pushing import CONTACT_GAP, climb, place_behind, share
-from skillcli.recipe import PushTask
+from skillcli.recipe import ArmTask, PushTask
 
 # Contact. The friction cone is elliptic, else friction would depend on the direction of a push; condim 4 adds the torsion
 # that keeps a box from spinning under a finger; impratio makes friction stiffer than the normal force, so that a pushed
@@ -93,7 +93,6 @@ class PushEnvironment(ArmEnvironment):
 
     def __init__(self, task: PushTask, num: int, threads: int = 0, delay: bool = False, robot: Robot | None = None) -> None:
         self._task = task
-        self.shown_size = 2 if task.observe_place else 0
         self._box_start = np.array(task.box_start)
         self._table_height, self._box_offset = np.zeros(num), np.zeros((num, 2))
         self._tilt: Array | None = None  # (N, 2) rad, of the table
@@ -108,6 +107,11 @@ class PushEnvironment(ArmEnvironment):
                 f"the arm starts inside the box of ({size}) m at ({place})",
                 "make the box lower, or start the arm higher or beside it: task.start, or start of the robot's file",
             )
+
+    @classmethod
+    def shows(cls, task: ArmTask) -> int:
+        """See `ArmEnvironment`."""
+        return 2 if isinstance(task, PushTask) and task.observe_place else 0
 
     def place_object(self, ids: Array) -> Array:
         """See `ArmEnvironment`; at rest on the table."""

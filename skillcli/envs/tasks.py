@@ -119,6 +119,14 @@ def begin(env: Environment, skill: Array, parameters: Mapping[str, Array], rng: 
     env.reset(np.arange(len(skill)), skill)
 
 
+def sizes(task: Task) -> tuple[int, int, int]:
+    """Sizes of observation, action and of what only the value function sees, without a simulation."""
+    if isinstance(task, PointTask):
+        return PointEnvironment.observation_size, PointEnvironment.action_size, PointEnvironment.privileged_size
+    kind = PushEnvironment if isinstance(task, PushTask) else ReachEnvironment
+    return kind.observes(task), kind.action_size, kind.privileged_size
+
+
 def _spec_of(task: ReachTask | PushTask) -> mujoco.MjSpec:
     if isinstance(task, PushTask):
         return push_spec(task)

@@ -14,6 +14,7 @@ from skillcli.errors import SkillError
 from skillcli.learning import te_ppo
 from skillcli.learning.agent import Agent
 from skillcli.learning.rollout import Rollout, StartPool, VectorEnvironment, collect
+from skillcli.learning.saved import check_saved
 from skillcli.recipe import Recipe
 from skillcli.seeding import generator
 from skillcli.trajectories import Array
@@ -132,7 +133,12 @@ class Learner:
         }
 
     def load(self, arrays: Mapping[str, Array], state: Mapping[str, Any]) -> None:
-        """Go on from what `state` gave."""
+        """Go on from what `state` gave.
+
+        Raises:
+            ValueError: no training on this environment, recipe and seed can have given it; nothing has changed.
+        """
+        check_saved(self, arrays, state)
         self.agent.load(_below(arrays, "agent/"))
         for group, optimizer in vars(self.optimizers).items():
             self._load_optimizer(optimizer, _below(arrays, f"optimizer/{group}/"))

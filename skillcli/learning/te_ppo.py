@@ -48,13 +48,17 @@ def augmented_reward(reward: Array, log_q: Array, training: Training) -> Array:
     return augmented
 
 
+RATES = (1e-5, 1e-2)
+"""The smallest and the largest step size of the policy."""
+
+
 def adapted_learning_rate(rate: float, kl: float, target: float) -> float:
-    """A smaller step where the policy moved too far, a larger one where it hardly moved; within [1e-5, 1e-2]."""
+    """A smaller step where the policy moved too far, a larger one where it hardly moved; within `RATES`."""
     if kl > 2.0 * target:
         rate /= 1.5
     elif kl < 0.5 * target:
         rate *= 1.5
-    return min(max(rate, 1e-5), 1e-2)
+    return min(max(rate, RATES[0]), RATES[1])
 
 
 FINAL_KL_SHARE = 0.05  # of the target KL, at the end of training

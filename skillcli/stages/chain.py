@@ -12,6 +12,7 @@ from skillcli.stages import embed_means as embedding
 from skillcli.stages import pretrain as training
 from skillcli.stages import transfer_eval as transferring
 from skillcli.stages.progress import Report, silent
+from skillcli.stages.reuse import finished, of_compose, of_embed_means, of_pretrain, of_transfer_eval
 from skillcli.store import Artifact, Store
 
 
@@ -31,23 +32,21 @@ def run_chain(store: Store, recipe: Recipe, seed: int, name: str, command: str, 
     """
     request = composing.Request.of(recipe, "", ())  # what is wrong with the last stages is said before the first
     find_domains(recipe.transfer.domains)
-    found = store.find("pretrain", training.inputs_of(recipe, seed), name)
-    skills = store.read(found) if found else training.pretrain(store, recipe, seed, name, command, resume=True, report=report)
+    found = finished(store, "pretrain", training.inputs_of(recipe, seed), name, of_pretrain)
+    skills = found or training.pretrain(store, recipe, seed, name, command, resume=True, report=report)
     yield Link(skills, found is not None)
 
-    found = store.find("embed-means", embedding.inputs_of(skills), name)
-    means = store.read(found) if found else embedding.embed_means(store, skills.id, command)
+    found = finished(store, "embed-means", embedding.inputs_of(skills), name, of_embed_means)
+    means = found or embedding.embed_means(store, skills.id, command)
     yield Link(means, found is not None)
 
-    found = store.find("compose", composing.inputs_of(means, recipe, request, "search"), name)
-    plan = store.read(found) if found else composing.compose(store, means.id, recipe, request, "search", command, report=report)
+    inputs = composing.inputs_of(means, recipe, request, "search")
+    found = finished(store, "compose", inputs, name, of_compose)
+    plan = found or composing.compose(store, means.id, recipe, request, "search", command, report=report)
     yield Link(plan, found is not None)
 
     domains, episodes = recipe.transfer.domains, recipe.transfer.episodes
-    found = store.find("transfer-eval", transferring.inputs_of(plan, recipe, domains, episodes, seed), name)
-    transfer = (
-        store.read(found)
-        if found
-        else transferring.transfer_eval(store, plan.id, recipe, domains, episodes, seed, command, report=report)
-    )
+    inputs = transferring.inputs_of(plan, recipe, domains, episodes, seed)
+    found = finished(store, "transfer-eval", inputs, name, lambda one: of_transfer_eval(one, domains, episodes))
+    transfer = found or transferring.transfer_eval(store, plan.id, recipe, domains, episodes, seed, command, report=report)
     yield Link(transfer, found is not None)

@@ -21,7 +21,7 @@ from skillcli.stages.pretrain import play_held
 from skillcli.stages.progress import Progress, Report, silent
 from skillcli.stages.request import Request
 from skillcli.stages.robots import Robots
-from skillcli.store import Artifact, ArtifactId, Draft, Store
+from skillcli.store import Artifact, ArtifactId, Draft, Parent, Store
 from skillcli.trajectories import Array, Trajectories
 
 __all__ = ["METHODS", "Request", "compose", "execute", "inputs_of"]
@@ -43,7 +43,7 @@ def robots_for(recipe: Recipe, method: str, on: str, seed: int) -> Robots:
     return Robots.of(settings, on, seed)
 
 
-def inputs_of(source: Artifact, recipe: Recipe, request: Request, method: str, seed: int = 0, on: str = "") -> str:
+def inputs_of(source: Artifact | Parent, recipe: Recipe, request: Request, method: str, seed: int = 0, on: str = "") -> str:
     """Fingerprint of everything that the result depends on."""
     parts: list[Any] = [
         source.content_sha256,

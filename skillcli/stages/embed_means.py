@@ -10,11 +10,11 @@ from skillcli import metrics
 from skillcli.envs.tasks import model_fingerprint
 from skillcli.stages.library import fingerprint, open_library
 from skillcli.stages.pretrain import play_held
-from skillcli.store import Artifact, ArtifactId, Draft, Store
+from skillcli.store import Artifact, ArtifactId, Draft, Parent, Store
 from skillcli.trajectories import Array, Trajectories
 
 
-def inputs_of(source: Artifact) -> str:
+def inputs_of(source: Artifact | Parent) -> str:
     """Fingerprint of everything that the result depends on."""
     return fingerprint("embed-means", [source.content_sha256])
 

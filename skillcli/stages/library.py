@@ -10,20 +10,17 @@ from typing import Any
 
 import numpy as np
 
+from skillcli.envs.tasks import sizes
 from skillcli.errors import StoreError, UsageError
 from skillcli.learning.agent import Agent
-from skillcli.recipe import Recipe, resolve
+from skillcli.recipe import Recipe
+from skillcli.stages.meaning import TRAINED, check_meaning, check_same_skills, skill_names, stored_recipe
 from skillcli.store import Artifact, ArtifactId, Store
 from skillcli.trajectories import Array
 
-TRAINED = (
-    "task",
-    "embedding",
-    "network",
-    "training",
-    "randomisation",
-    "evaluation",
-)  # recipe sections that a training depends on
+__all__ = [
+    "TRAINED", "Library", "ancestor", "check_untouched", "fingerprint", "kin", "open_library", "skill_names",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -56,27 +53,35 @@ def check_untouched(library: Library, recipe: Recipe, settable: str) -> None:
         )
 
 
-def skill_names(recipe: Recipe) -> tuple[str, ...]:
-    """Names of the recipe's skills: counted from one, as the paper does, where the recipe names none."""
-    return recipe.task.names or tuple(str(k + 1) for k in range(len(recipe.task.goals)))
-
-
 def open_library(store: Store, artifact: Artifact) -> Library:
     """The library that an artifact holds, or was made from.
 
     Raises:
-        StoreError: there is no pretrain artifact among its ancestors.
+        StoreError: there is no pretrain artifact among its ancestors, or one of the two is not what its recipe says.
     """
     source = artifact if artifact.kind == "pretrain" else store.read(ancestor(store, artifact.id, "pretrain"))
-    recipe = resolve(source.recipe)
-    weights = source.group("weights")
-    observation = weights["normalizer.mean"].shape[0]
-    action = weights["policy.log_std"].shape[0]
+    for one in {source.id: source, artifact.id: artifact}.values():
+        check_meaning(one)
+    check_same_skills(artifact, source)
+    recipe, weights = stored_recipe(source), source.group("weights")
+    observation, action, _ = sizes(recipe.task)
     privileged = weights["privileged_normalizer.mean"].shape[0] if "privileged_normalizer.mean" in weights else 0
     agent = Agent(recipe, observation, action, source.arrays["skills/goal"], privileged=privileged)
     agent.load(weights)
     arrays = source.arrays
     return Library(source, recipe, agent, arrays["embedding/mean"], arrays["embedding/std"], arrays["skills/goal"])
+
+
+def kin(store: Store, artifact_id: ArtifactId, library: Library) -> Artifact:
+    """An artifact that has to do with a library, in its migrated form where it has one.
+
+    Raises:
+        StoreError: it cannot be read, is not what its recipe says, or was made with other skills.
+    """
+    found = store.read(store.current(artifact_id))
+    check_meaning(found)
+    check_same_skills(found, library.source)
+    return found
 
 
 def ancestor(store: Store, artifact_id: ArtifactId, kind: str) -> ArtifactId:

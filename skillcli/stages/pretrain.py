@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,11 @@ import numpy as np
 from skillcli import metrics
 from skillcli.envs.tasks import MAX_SIMULATIONS, check_goal, check_start, make, model_fingerprint, skill_goals, stand
 from skillcli.envs.throughput import BareEngine
-from skillcli.errors import Interrupted
+from skillcli.errors import Interrupted, StoreError
 from skillcli.learning.agent import Agent
 from skillcli.learning.learner import Learner
 from skillcli.learning.playback import play
+from skillcli.learning.saved import is_seconds, shown
 from skillcli.perturbation import sample
 from skillcli.recipe import Recipe
 from skillcli.seeding import generator
@@ -80,16 +82,13 @@ def pretrain(
     for goal in skill_goals(recipe.task):
         check_goal(recipe.task, goal)
     store.check_writable(name)
-    checkpoint = store.checkpoint_path(name, "pretrain", inputs_of(recipe, seed))
+    inputs = inputs_of(recipe, seed)
+    checkpoint = store.checkpoint_path(name, "pretrain", inputs)
     with stoppable() as stop:
         delay = "latency" in recipe.randomisation.ranges
         env = make(recipe.task, recipe.training.simulations, threads, delay)
         learner, bare = Learner(env, recipe, seed), BareEngine(env)
-        spent = 0.0
-        if resume and checkpoint.exists():
-            arrays, state = load_checkpoint(checkpoint)
-            learner.load(arrays, state)
-            spent = state["wall_seconds"]
+        spent = _resumed(learner, checkpoint, inputs) if resume and checkpoint.exists() else 0.0
         started = time.perf_counter()
 
         def wall_seconds() -> float:  # of the whole training, without the yardstick itself
@@ -97,7 +96,7 @@ def pretrain(
 
         def save() -> None:
             arrays, state = learner.state()
-            save_checkpoint(checkpoint, arrays, {**state, "wall_seconds": wall_seconds()})
+            save_checkpoint(checkpoint, arrays, {**state, "wall_seconds": wall_seconds(), "inputs_sha256": inputs})
 
         _train(learner, bare, recipe, report, save, stop, command)
         wall = wall_seconds()
@@ -109,6 +108,28 @@ def pretrain(
     artifact = store.write(_draft(recipe, seed, name, command, learner, evaluation, randomised, bare.rate, wall))
     remove_checkpoint(checkpoint)
     return artifact
+
+
+def _resumed(learner: Learner, checkpoint: Path, inputs: str) -> float:
+    """Bring a learner to where a checkpoint was saved; returns the seconds spent before.
+
+    Raises:
+        StoreError: it cannot be read, or is not one of this training.
+    """
+    arrays, state = load_checkpoint(checkpoint)
+    try:
+        seconds, made_of = state.pop("wall_seconds", None), state.pop("inputs_sha256", None)
+        if made_of != inputs:
+            raise ValueError("it was made from another recipe or seed")
+        if not is_seconds(seconds):
+            raise ValueError(f"wall_seconds must be a duration, got {shown(seconds)}")
+        learner.load(arrays, state)
+    except ValueError as error:
+        raise StoreError(
+            f"the checkpoint {checkpoint} is not one of this training: {error}",
+            "remove it, or start anew: `skill pretrain` without --resume",
+        ) from error
+    return float(seconds)
 
 
 def _train(

@@ -22,14 +22,14 @@ from skillcli.stages.robots import Robots
 from skillcli.stages.script import Script
 from skillcli.stages.transfer_report import domain_report, most_harmful_first, one_at_a_time, source_report
 from skillcli.stages.trial import NOMINAL, Target, Trial
-from skillcli.store import Artifact, ArtifactId, Draft, Store
+from skillcli.store import Artifact, ArtifactId, Draft, Parent, Store
 from skillcli.trajectories import Trajectories
 
 DRAWN = "each episode by itself, what repeats once"  # how robots are drawn: what was drawn otherwise is not used again
 
 
 def inputs_of(
-    source: Artifact,
+    source: Artifact | Parent,
     recipe: Recipe,
     domains: Sequence[str],
     episodes: int,

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from skillcli.envs.tasks import model_of
-from skillcli.stages.library import open_library
+from skillcli.stages.library import Library, kin, open_library
 from skillcli.store import Artifact, ArtifactId, Store
 from skillcli.trajectories import Array, Trajectories
 from skillcli.viz.files import replacing
@@ -24,9 +24,9 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
     library = open_library(store, artifact)
     recording = Trajectories(**artifact.group("trajectories"))
     task = library.recipe.task
-    waypoints, waypoint_route, routes = _waypoints(store, artifact)
+    waypoints, waypoint_route, routes = _waypoints(store, artifact, library)
     turn = _turn(artifact, recording.episodes)
-    source = _source(store, artifact, len(library.names))
+    source = _source(store, artifact, library)
     return Scene(
         title=str(artifact.id),
         kind=artifact.kind,
@@ -81,21 +81,21 @@ def draw(store: Store, artifact_id: ArtifactId, path: Path) -> None:
     figure(scene_of(store, artifact_id), path)
 
 
-def _waypoints(store: Store, artifact: Artifact) -> tuple[Array, Array, int]:
+def _waypoints(store: Store, artifact: Artifact, library: Library) -> tuple[Array, Array, int]:
     """Waypoints (W, 3) m of the composition that an artifact is or was made from, their routes (W,), and how many routes."""
     for candidate in (artifact.id, *store.lineage(artifact.id)):
         if candidate.stage == "compose":
-            arrays = store.read(store.current(candidate)).arrays
+            arrays = kin(store, candidate, library).arrays
             route = arrays["waypoints/route"]
             return arrays["waypoints/target"], route, int(route.max()) + 1
     return np.zeros((0, 3)), np.zeros(0, dtype=int), 1
 
 
-def _source(store: Store, artifact: Artifact, skills: int) -> Trajectories | None:
+def _source(store: Store, artifact: Artifact, library: Library) -> Trajectories | None:
     """What a transfer sent, as the source recorded it: each route of a composition, or each bare skill at its mean."""
     if artifact.kind != "transfer-eval":
         return None
-    parent = store.read(store.current(artifact.parents[0].id))
+    parent, skills = kin(store, artifact.parents[0].id, library), len(library.names)
     recording = Trajectories(**parent.group("trajectories"))
     if parent.kind == "compose":
         return recording

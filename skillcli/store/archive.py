@@ -10,7 +10,7 @@ import hashlib
 import io
 import os
 import tarfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -84,7 +84,9 @@ def export(store: Store, artifact_id: ArtifactId, path: Path) -> list[ArtifactId
     return ids
 
 
-def import_file(store: Store, path: Path, *, replace_damaged: bool = False) -> list[Imported]:
+def import_file(
+    store: Store, path: Path, check: Callable[[Artifact], None] = lambda _: None, *, replace_damaged: bool = False
+) -> list[Imported]:
     """Take the artifacts of an export, or a single artifact's file, into a store.
 
     All are checked before the first gets its name. One whose id is taken by another content, or whose number is beyond
@@ -94,6 +96,7 @@ def import_file(store: Store, path: Path, *, replace_damaged: bool = False) -> l
     Args:
         store: where to.
         path: the file.
+        check: sees every artifact too, and may raise a StoreError to refuse them all.
         replace_damaged: whether a damaged copy in the store may be replaced by the whole one from the file.
 
     Raises:
@@ -102,7 +105,7 @@ def import_file(store: Store, path: Path, *, replace_damaged: bool = False) -> l
     """
     renamed: dict[ArtifactId, ArtifactId] = {}
     imported = []
-    with storage_errors(f"write in {store.root}"), _unpacked(store, path) as artifacts:
+    with storage_errors(f"write in {store.root}"), _unpacked(store, path, check) as artifacts:
         for artifact in artifacts:
             parents = tuple(_parent(store, artifact, parent, renamed) for parent in artifact.parents)
             imported.append(_keep(store, replace(artifact, parents=parents), replace_damaged))
@@ -230,16 +233,16 @@ def _damage(store: Store, artifact_id: ArtifactId, content_sha256: str) -> str:
 
 
 @contextmanager
-def _unpacked(store: Store, path: Path) -> Iterator[Iterator[Artifact]]:
+def _unpacked(store: Store, path: Path, check: Callable[[Artifact], None]) -> Iterator[Iterator[Artifact]]:
     """All artifacts of a file, each checked, ancestors first; one at a time in memory."""
     with ExitStack() as stack:
         if _is_single(path):
             with reading(path):
                 single = ArtifactId.parse(str(peek(path)["id"]))
             places = [(single, path)]
-            _checked(single, path)
+            check(_checked(single, path))
         else:
-            places = list(_extracted(store, path, stack))
+            places = list(_extracted(store, path, check, stack))
         yield (codec.read_artifact(place, one, older=True) for one, place in places)
 
 
@@ -248,7 +251,9 @@ def _is_single(path: Path) -> bool:
         return file.read(len(MAGIC)) == MAGIC
 
 
-def _extracted(store: Store, path: Path, stack: ExitStack) -> Iterator[tuple[ArtifactId, Path]]:
+def _extracted(
+    store: Store, path: Path, check: Callable[[Artifact], None], stack: ExitStack
+) -> Iterator[tuple[ArtifactId, Path]]:
     """Copy each artifact of an export into the store's folder, under a temporary name until `stack` is closed, and check it."""
     known: dict[ArtifactId, str] = {}
     with reading(path), open_regular(path) as file:
@@ -271,6 +276,7 @@ def _extracted(store: Store, path: Path, stack: ExitStack) -> Iterator[tuple[Art
             with storage_errors(f"write in {store.root}"):
                 temporary.write_bytes(data)
             artifact = _checked(one, temporary)
+            check(artifact)
             _check_parents(artifact, entry, known)
             known[one] = artifact.content_sha256
             yield one, temporary

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from skillcli.errors import StoreError
 from skillcli.store.atomic import make_folder, storage_errors, sync_folder, write_atomically
 from skillcli.store.container import RECORD, Array, Contents, checked_arrays, pack, reading, text_array, unpack
 from skillcli.store.provenance import package_versions
+from skillcli.store.text import canonical, parse
 
 _HEADER = {"kind": "checkpoint", "schema_version": 1}
 _STATE = f"{RECORD}/state"
@@ -23,13 +23,13 @@ def save_checkpoint(path: Path, arrays: Mapping[str, Array], state: Mapping[str,
     Args:
         path: see `Store.checkpoint_path`.
         arrays: by path, any shapes.
-        state: JSON-able; infinities, NaN and integers of any size come back as they were.
+        state: JSON-able, numbers finite; integers of up to 40 digits come back as they were.
 
     Raises:
         StoreError: it cannot be stored; the checkpoint before it still stands.
     """
     try:
-        text = json.dumps(state, sort_keys=True)
+        text = canonical(state)
     except (TypeError, ValueError) as error:
         raise StoreError(f"the state of training cannot be stored as JSON: {error}") from error
     contents = Contents({}, {**checked_arrays(arrays), _STATE: text_array(text)})
@@ -49,7 +49,10 @@ def load_checkpoint(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     _, contents = unpack(path, _check)
     arrays = dict(contents.arrays)
     with reading(path):
-        return arrays, json.loads(arrays.pop(_STATE).tobytes())
+        state = parse(arrays.pop(_STATE).tobytes())
+        if not isinstance(state, dict):
+            raise ValueError("its state is not a JSON object")
+        return arrays, state
 
 
 def remove_checkpoint(path: Path) -> None:

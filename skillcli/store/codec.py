@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from skillcli.errors import StoreError
-from skillcli.store import schema
+from skillcli.store import meaning, schema
 from skillcli.store.artifact import Artifact, Draft, Header, Parent, content_hash
 from skillcli.store.container import (
     RECORD,
@@ -173,7 +173,8 @@ def read_artifact(path: Path, expected: ArtifactId, *, older: bool = False) -> A
 
     fields, contents = unpack(path, check)
     with reading(path):
-        return _artifact(_header(fields, expected), contents)
+        artifact = _artifact(_header(fields, expected), contents)
+    return meaning.checked(artifact)
 
 
 def _check_texts(shapes: Mapping[str, schema.Shape], label: str) -> None:

@@ -42,6 +42,21 @@ STEPS: Mapping[tuple[str, int], Callable[[Arrays, Results], tuple[Arrays, Result
 """From which kind and version each function leads to the next version."""
 
 
+def brought_up(old: Artifact) -> tuple[Arrays, Results]:
+    """Arrays and results of an artifact in the present schema, whatever its own is.
+
+    Raises:
+        StoreError: it lacks what it should hold.
+    """
+    arrays, results = dict(old.arrays), dict(old.results)
+    try:
+        for before in range(old.schema_version, KINDS[old.kind].version):
+            arrays, results = STEPS[old.kind, before](arrays, results)
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise StoreError(f"{old.id} is not what schema {old.schema_version} says: {error!r}", "make it anew") from error
+    return arrays, results
+
+
 def migrated(old: Artifact, command: str) -> Draft:
     """An artifact of an older schema in the present one, as a new version of the same series.
 
@@ -51,12 +66,7 @@ def migrated(old: Artifact, command: str) -> Draft:
     version = KINDS[old.kind].version
     if old.schema_version >= version:
         raise StoreError(f"{old.id} has the present schema, {version}", "it can be used as it is")
-    arrays, results = dict(old.arrays), dict(old.results)
-    try:
-        for before in range(old.schema_version, version):
-            arrays, results = STEPS[old.kind, before](arrays, results)
-    except (LookupError, TypeError, ValueError) as error:
-        raise StoreError(f"{old.id} is not what schema {old.schema_version} says: {error!r}", "make it anew") from error
+    arrays, results = brought_up(old)
     origin = {
         "id": str(old.id),
         "content_sha256": old.content_sha256,

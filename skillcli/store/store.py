@@ -203,14 +203,17 @@ class Store:
         """The headers of all readable artifacts, newest last."""
         return self.listing().headers
 
-    def find(self, kind: str, inputs_sha256: str, name: str | None = None) -> ArtifactId | None:
-        """The newest artifact of this kind and the present schema that was made from exactly these inputs, if any."""
+    def find(self, kind: str, inputs_sha256: str, name: str | None = None) -> list[ArtifactId]:
+        """The artifacts of this kind and the present schema that say they were made from exactly these inputs, newest first.
+
+        Anybody can write a header: who uses one in place of work compares it with its content, see `skillcli.stages.reuse`.
+        """
         if not inputs_sha256:
-            return None
+            return []
         version = schema.KINDS[kind].version
         wanted = (kind, version, inputs_sha256)
         same = [one for one in self.headers() if (one.kind, one.schema_version, one.inputs_sha256) == wanted]
-        return next((one.id for one in reversed(same) if name in (None, one.id.name)), None)
+        return [one.id for one in reversed(same) if name in (None, one.id.name)]
 
     def lineage(self, artifact_id: ArtifactId) -> list[ArtifactId]:
         """All ancestors, nearest first; those that are gone are named too, but theirs are not known.
@@ -231,8 +234,12 @@ class Store:
         """The artifacts that were made directly from this one, oldest first, as far as their headers can be read."""
         return self._dependents(artifact_id, lambda _: False)
 
-    def verify(self, artifact_id: ArtifactId) -> list[str]:
+    def verify(self, artifact_id: ArtifactId, check: Callable[[Artifact], None] = lambda _: None) -> list[str]:
         """What is wrong with an artifact, one line each; nothing when it is as it was written.
+
+        Args:
+            artifact_id: which one.
+            check: sees it as well, and may raise a StoreError.
 
         Raises:
             UnknownArtifact: there is none.
@@ -240,6 +247,7 @@ class Store:
         path = self._existing(artifact_id)
         try:
             artifact = codec.read_artifact(path, artifact_id, older=True)
+            check(artifact)
         except StoreError as error:
             return [error.message]
         problems = [self.parent_problem(parent) for parent in artifact.parents]
@@ -247,8 +255,11 @@ class Store:
             problems.append(f"the content hash of {artifact_id} is not that of its content")
         return [problem for problem in problems if problem]
 
-    def verify_all(self) -> dict[ArtifactId | str, list[str]]:
+    def verify_all(self, check: Callable[[Artifact], None] = lambda _: None) -> dict[ArtifactId | str, list[str]]:
         """What is wrong with each artifact, and with folders of names that cannot be listed; what goes meanwhile is left out.
+
+        Args:
+            check: as `verify`.
 
         Raises:
             StoreError: the store's folder itself cannot be listed.
@@ -257,7 +268,7 @@ class Store:
         problems: dict[ArtifactId | str, list[str]] = {one.id: [one.problem] for one in names.closed}
         for artifact_id in names.ids:
             with suppress(UnknownArtifact):
-                problems[artifact_id] = self.verify(artifact_id)
+                problems[artifact_id] = self.verify(artifact_id, check)
         return problems
 
     def parent_problem(self, parent: Parent) -> str:

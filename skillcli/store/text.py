@@ -5,12 +5,20 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any, NoReturn
 
 import numpy as np
 
 from skillcli.errors import StoreError
+
+MAX_DEPTH = 32  # of lists and objects inside each other; an artifact's recipe has five
+MAX_DIGITS = 40  # of an integer; the state of a generator has 39
+
+_STRINGS_AND_REST = re.compile(r'"(?:[^"\\]|\\.)*+"?|[^][{}"]+', re.DOTALL)  # in one go, also where no quote ends it
+_INNERMOST = re.compile(r"\[\]|\{\}")
 
 
 def plain(value: Any, where: str = "value") -> Any:
@@ -38,12 +46,14 @@ def canonical(value: Any) -> str:
 
 
 def parse(text: str | bytes) -> Any:
-    """Read strict JSON.
+    """Read strict JSON that this store could have written.
 
     Raises:
-        ValueError: it is not, or holds NaN or Infinity.
+        ValueError: it is none, is nested too deeply, says a key twice, or holds a number that is not finite or too long.
     """
-    return _STRICT.decode(text if isinstance(text, str) else text.decode())
+    decoded = text if isinstance(text, str) else text.decode()
+    _check_depth(decoded)
+    return _STRICT.decode(decoded)
 
 
 def sha256(value: Any) -> str:
@@ -51,8 +61,41 @@ def sha256(value: Any) -> str:
     return hashlib.sha256(canonical(value).encode()).hexdigest()
 
 
+def _check_depth(text: str) -> None:
+    """Before it is parsed: a parser of nested things has a stack that can be used up."""
+    if text.count("[") + text.count("{") <= MAX_DEPTH:
+        return
+    brackets = _STRINGS_AND_REST.sub("", text)
+    for _ in range(MAX_DEPTH):
+        brackets = _INNERMOST.sub("", brackets)
+    if brackets:
+        raise ValueError(f"its JSON is nested more than {MAX_DEPTH} deep")
+
+
 def _no_constant(name: str) -> NoReturn:
     raise ValueError(f"{name} is not JSON")
 
 
-_STRICT = json.JSONDecoder(parse_constant=_no_constant)  # made once: a store is listed by thousands of headers
+def _integer(digits: str) -> int:
+    if len(digits) > MAX_DIGITS:
+        raise ValueError(f"its JSON holds an integer of {len(digits)} digits")
+    return int(digits)
+
+
+def _finite(number: str) -> float:
+    found = float(number)
+    if not math.isfinite(found):
+        raise ValueError(f"{number[:20]} is not a finite number")
+    return found
+
+
+def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        twice = Counter(name for name, _ in pairs).most_common(1)[0][0]
+        raise ValueError(f"its JSON says {twice[:40]!r} more than once")
+    return found
+
+
+# made once: a store is listed by thousands of headers
+_STRICT = json.JSONDecoder(parse_constant=_no_constant, parse_int=_integer, parse_float=_finite, object_pairs_hook=_once_each)

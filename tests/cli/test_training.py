@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import pytest
 from command import TINY_SET, files, made, skill
 
 from skillcli.learning.learner import Learner
+from skillcli.store import load_checkpoint, save_checkpoint
 
 SMALL = ("pretrain", "smoke", *TINY_SET, "--set", "training.iterations=5")
 
@@ -78,6 +80,52 @@ def test_a_killed_training_goes_on_from_its_last_checkpoint_to_the_same_content(
     resumed = skill("--store", tmp_path, *SMALL, "--name", "halves", "--resume")
     assert resumed.code == 0, resumed.err
     assert content(tmp_path, "halves") == content(tmp_path, "whole")
+
+
+@pytest.fixture(scope="module")
+def interrupted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A store with the checkpoint of three iterations of five; tests must not change it."""
+    folder = tmp_path_factory.mktemp("interrupted")
+    with pytest.MonkeyPatch.context() as patch:
+        interrupt_after(patch, 3)
+        assert skill("--store", folder, *SMALL).code == 130
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"iteration": 10**9}, "iteration must be between 1 and 5"),
+        ({"iteration": -5}, "iteration must be between 1 and 5"),
+        ({"wall_seconds": "long"}, "wall_seconds must be a duration, got 'long'"),
+        ({"inputs_sha256": "0" * 64}, "it was made from another recipe or seed"),
+        ({"generator": "garbage"}, "generator is not the state of one"),
+        ({"pool": [10**6, 0]}, "pool cannot have 1000000 states"),
+    ],
+)
+def test_a_checkpoint_that_is_none_is_refused_in_one_line_and_stays(
+    interrupted: Path, tmp_path: Path, change: dict[str, Any], told: str
+) -> None:
+    store = shutil.copytree(interrupted, tmp_path / "store")
+    (path,) = store.glob("smoke/.checkpoint-pretrain-*.h5")
+    arrays, state = load_checkpoint(path)
+    save_checkpoint(path, arrays, {**state, **change})
+    for command in (SMALL, ("run", *SMALL[1:])):
+        refused = skill("--store", store, "--json", *command, *(("--resume",) if command is SMALL else ()))
+        error = refused.json["error"]
+        assert refused.code == 1 and error["type"] == "StoreError", refused
+        assert f"the checkpoint {path} is not one of this training: {told}" in error["message"]
+        assert "\n" not in error["message"] and "remove it, or start anew" in error["hint"]
+    assert path.exists(), "it is the user's"
+
+
+def test_without_resume_a_checkpoint_does_not_matter(interrupted: Path, tmp_path: Path) -> None:
+    store = shutil.copytree(interrupted, tmp_path / "store")
+    (path,) = store.glob("smoke/.checkpoint-pretrain-*.h5")
+    path.write_bytes(b"garbage")
+    assert skill("--store", store, *SMALL, "--resume").code == 1
+    assert made("--store", store, *SMALL)["id"] == "smoke/pretrain-v1"
+    assert not path.exists()
 
 
 def test_ctrl_c_after_the_training_does_not_lose_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

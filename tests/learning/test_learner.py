@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,8 +18,11 @@ from skillcli.learning import te_ppo
 from skillcli.learning.agent import windows
 from skillcli.learning.learner import Learner
 from skillcli.learning.rollout import StartPool, collect, start_episodes
+from skillcli.learning.saved import curve_names
 from skillcli.recipe import PointTask, Recipe, load_recipe, resolve
 from skillcli.trajectories import Array
+
+Tamper = Callable[[dict[str, Array], dict[str, Any]], Any]
 
 RECIPE = load_recipe(
     "point",
@@ -66,11 +71,87 @@ def test_training_goes_on_from_a_saved_state_bit_for_bit(recipe: Recipe) -> None
     arrays, state = half.state()
     arrays = {path: array.copy() for path, array in arrays.items()}
     run(half, 1)  # must not reach into what was saved
-    resumed = learner(seed=9, recipe=recipe)
+    resumed = run(learner(recipe=recipe), 1)  # somewhere else
     resumed.load(arrays, state)
     assert resumed.iteration == 3 and not resumed.finished
     assert same(run(resumed, 3), whole) and resumed.finished
     assert resumed.env_steps == whole.env_steps == 6 * 8 * 10
+
+
+def _put(path: str, value: Any) -> Tamper:
+    """Another value at a dotted path of the state."""
+
+    def tamper(_: dict[str, Array], state: dict[str, Any]) -> None:
+        *outer, last = path.split(".")
+        for key in outer:
+            state = state[key]
+        state[last] = value
+
+    return tamper
+
+
+def _array(path: str, change: Callable[[Array], Array]) -> Tamper:
+    def tamper(arrays: dict[str, Array], _: dict[str, Any]) -> None:
+        arrays[path] = change(arrays[path])
+
+    return tamper
+
+
+@pytest.mark.parametrize(
+    ("tamper", "told"),
+    [
+        (_put("iteration", 10**9), "iteration must be between 1 and 6, got 1000000000"),
+        (_put("iteration", -5), "got -5"),
+        (_put("iteration", 0), "got 0"),
+        (_put("iteration", 2), "env_steps must be 160, got 240"),
+        (_put("iteration", True), "got True"),
+        (_put("iteration", "3"), "got '3'"),
+        (_put("env_steps", 240.0), "env_steps must be 240, got 240.0"),
+        (lambda _, state: state.pop("pool"), "its state lacks or should not have"),
+        (_put("more", 1), "its state lacks or should not have"),
+        (_put("sampling_seconds", -1.0), "sampling_seconds must be a duration"),
+        (_put("sampling_seconds", "0"), "sampling_seconds must be a duration"),
+        (_put("policy_rate", 0.5), "policy_rate must be between"),
+        (_put("policy_rate", 0.001), "policy_rate is not where its curve ends"),
+        (_put("pool", [3]), "pool must be two whole numbers"),
+        (_put("pool", [5000, 0]), "pool cannot have 5000 states"),
+        (_put("pool", [90, 3]), "pool cannot have 90 states"),
+        (_put("generator", "garbage"), "generator is not the state of one"),
+        (_put("generator.state.state", 2**128), "generator is not the state of one"),
+        (_put("generator.state", [1, 2]), "generator is not the state of one"),
+        (_put("generator.state.inc", 1), "generator is that of another seed"),
+        (_put("generator.bit_generator", "MT19937"), "generator is that of another seed"),
+        (_array("agent/policy.body.0.weight", lambda array: array[:-1]), "holds float32 of shape"),
+        (_array("agent/policy.log_std", lambda array: array.astype(float)), "holds float64"),
+        (_array("agent/policy.log_std", lambda array: array * np.float32("nan")), "not finite"),
+        (_array("agent/normalizer.variance", lambda array: -array - 1), "agent/normalizer.variance is negative"),
+        (_array("optimizer/value/0/exp_avg_sq", lambda array: array - 1), "optimizer/value/0/exp_avg_sq is negative"),
+        (lambda arrays, _: arrays.pop("optimizer/value/0/exp_avg"), "optimizer/value/0/exp_avg is missing"),
+        (lambda arrays, _: arrays.pop("curves/kl"), "curves/kl is missing"),
+        (lambda arrays, _: arrays.update({"curves/more": arrays["curves/kl"]}), "curves/more is not part of it"),
+        (_array("curves/return", lambda array: array[:-1]), "curves/return holds float64 of shape"),
+        (_array("curves/env_steps", lambda array: array + 1), "curves/env_steps does not count"),
+        (_array("pool", lambda array: array[:, :-1]), "pool holds float64 of shape"),
+        (_array("pool", lambda array: array + np.inf), "pool holds values that are not finite"),
+        (lambda arrays, _: arrays.pop("pool"), "pool is missing"),
+    ],
+)
+def test_a_state_that_no_training_was_in_is_refused_and_changes_nothing(tamper: Tamper, told: str) -> None:
+    saved, fresh = run(learner(), 3), run(learner(), 1)
+    arrays, state = saved.state()
+    tamper(arrays, state)
+    with pytest.raises(ValueError, match=re.escape(told)):
+        fresh.load(arrays, state)
+    assert fresh.iteration == 1 and same(fresh, run(learner(), 1))
+
+
+def test_the_state_of_another_seed_is_refused() -> None:
+    with pytest.raises(ValueError, match="generator is that of another seed"):
+        learner(seed=1).load(*run(learner(), 3).state())
+
+
+def test_every_curve_has_a_name_that_a_saved_state_must_have() -> None:
+    assert run(learner(), 1).curves.keys() == curve_names(4)
 
 
 def test_exploration_that_comes_down_is_not_the_policys_own_change() -> None:
@@ -119,7 +200,7 @@ def test_fixed_means_stay_where_they_started_while_the_rest_learns() -> None:
     np.testing.assert_array_equal(trained.agent.embed()[0], mean)
     assert (trained.agent.embed()[1] != std).all()
     assert all((trained.agent.arrays()[name] != weights[name]).any() for name in weights if "body" in name)
-    resumed = learner(seed=9, recipe=recipe)
+    resumed = run(learner(recipe=recipe), 1)  # somewhere else
     resumed.load(*trained.state())
     assert same(run(resumed, 1), run(trained, 1))
 

@@ -15,7 +15,7 @@ import pytest
 from command import made, skill
 
 from skillcli.errors import SkillError, UnknownArtifact
-from skillcli.recipe import load_recipe, recipe_names
+from skillcli.recipe import load_recipe, recipe_names, resolve
 from skillcli.stages.report import as_toml, comparison, pictures, report
 from skillcli.stages.report.selection import Exhibit, select
 from skillcli.store import ArtifactId, Draft, Store
@@ -134,13 +134,8 @@ def test_hostile_text_stays_text(chain: Path, tmp_path: Path) -> None:
     shutil.copytree(chain, tmp_path / "store")
     store = Store(tmp_path / "store")
     good = store.read(ArtifactId("tiny", "pretrain", 1))
-    names = [evil, *(f"skill {k}" for k in range(1, len(good.results["skills"])))]
     recipe = {**good.recipe, "description": evil}
-    results = {
-        **good.results,
-        "skills": [{**each, "name": name} for each, name in zip(good.results["skills"], names, strict=True)],
-    }
-    store.write(draft(good, name="evil", recipe=recipe, results=results, command=f"skill {evil}"))
+    store.write(draft(good, name="evil", recipe=recipe, command=f"skill {evil}"))
     page = tmp_path / "evil.html"
     report(store, [ArtifactId("evil", "pretrain", 1)], page)
     text = page.read_text()
@@ -162,8 +157,8 @@ def test_damaged_and_foreign_artifacts_are_said_and_left_out(chain: Path, tmp_pa
     content[-100] ^= 1
     damaged.write_bytes(content)
     good = store.read(ArtifactId("tiny", "compose", 1))
-    parents = [parent.id for parent in good.parents]
-    store.write(draft(good, name="foreign", results={"surprise": 1}, parents=parents))
+    other = resolve(good.recipe, ["task.tolerance=0.06"]).model_dump(mode="json")
+    store.write(draft(good, name="foreign", recipe=other, parents=[parent.id for parent in good.parents]))
     done = skill("--store", store.root, "report", "-o", tmp_path / "page.html")
     assert done.code == 0, done.err
     told = " ".join(done.err.split())

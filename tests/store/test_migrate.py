@@ -16,10 +16,10 @@ from skillcli.store.migrate import STEPS
 
 GOLDEN = Path(__file__).parent / "golden"
 PRESENT = {
-    "tiny/pretrain-v1": "e1776d3ca3275e5b",
-    "tiny/embed-means-v1": "c7ded19d59373ce1",
-    "tiny/compose-v1": "f931efb56273373c",
-    "tiny/transfer-eval-v1": "7d688440dc58c683",
+    "tiny/pretrain-v1": "6cb6a1e9e93718e4",
+    "tiny/embed-means-v1": "46cdb0998e6b5fb5",
+    "tiny/compose-v1": "e44e8f970b822205",
+    "tiny/transfer-eval-v1": "4efbea0fef37fe4c",
 }
 OLDER = ("reference-point/embed-means-v1", "reference-point/compose-v1")
 
@@ -62,7 +62,7 @@ def test_an_older_version_is_refused_with_the_way_out_and_migrated_in_one_step(g
     assert new.origin["id"] == text and new.origin["schema_version"] == 1
     assert f"migrated from **{text}**" in new.provenance()
     assert golden.current(old) == new.id == golden.current(new.id)
-    assert golden.find(new.kind, new.inputs_sha256) == new.id
+    assert golden.find(new.kind, new.inputs_sha256) == [new.id]
     with pytest.raises(StoreError, match="present schema"):
         golden.migrate(new.id, "again")
 
@@ -90,4 +90,4 @@ def test_a_newer_schema_is_listed_but_refused_with_what_to_install(
             refused()
         assert "install a newer skill" in caught.value.hint
     assert store.verify(newer) == [caught.value.message]
-    assert store.find("embed-means", make().inputs_sha256) is None
+    assert store.find("embed-means", make().inputs_sha256) == []

@@ -35,8 +35,8 @@ def test_what_is_written_is_read_back(store: Store, make: Make, kind: str) -> No
         assert read.arrays[path].dtype == np.asarray(array).dtype
     assert read.command == draft.command
     assert read.recipe == draft.recipe and read.recipe_name == "smoke"
-    assert read.results == {"success_rate": 0.5, "worst": None}
-    assert read.measured == {"wall_seconds": 1.5}
+    assert (read.results["success_rate"], read.results["worst"]) == (0.5, None)  # NaN has no JSON form
+    assert read.results.keys() == draft.results.keys() and read.measured == draft.measured
     assert "numpy" in read.packages
     assert read.bytes == store.path(read.id).stat().st_size
     assert store.verify(read.id) == []
@@ -79,7 +79,7 @@ def test_large_arrays_in_several_chunks_survive(store: Store, make: Make) -> Non
 
 def test_large_arrays_of_zeros_are_no_bomb(store: Store, make: Make) -> None:
     draft = make("pretrain")
-    artifact = store.write(replace(draft, arrays={**draft.arrays, "weights/a": np.zeros((70, 1 << 20), np.uint8)}))
+    artifact = store.write(replace(draft, arrays={**draft.arrays, "weights/a": np.zeros((70, 1 << 18), np.float32)}))
     assert artifact.bytes > 70 << 20
     assert store.verify(artifact.id) == []
 
@@ -102,7 +102,7 @@ def test_the_content_hash_sees_every_change_of_meaning(store: Store, make: Make)
         {"arrays": nudged},
         {"arrays": {**base.arrays, "skills/goal": np.asarray(base.arrays["skills/goal"], np.float32)}},
         {"seed": 1},
-        {"results": {"success_rate": 0.6}},
+        {"results": {**base.results, "success_rate": 0.6}},
         {"recipe": {"name": "smoke", "rate": 2e-3}},
         {"parents": [parent]},
         {"model_sha256": "n" * 64},
@@ -167,10 +167,9 @@ def test_verify_reports_parents_that_are_gone_or_changed(store: Store, make: Mak
 def test_finished_work_is_found_by_its_inputs(store: Store, make: Make) -> None:
     first, second = store.write(make()).id, store.write(make(name="other")).id
     inputs = make().inputs_sha256
-    assert store.find("embed-means", inputs) == second
-    assert store.find("embed-means", inputs, name="run") == first
-    assert store.find("compose", inputs) is None
-    assert store.find("embed-means", "") is None
+    assert store.find("embed-means", inputs) == [second, first]
+    assert store.find("embed-means", inputs, name="run") == [first]
+    assert store.find("compose", inputs) == [] == store.find("embed-means", "")
 
 
 def test_without_an_id_the_newest_that_fits_is_meant(store: Store, make: Make) -> None:

@@ -1,0 +1,144 @@
+"""Whether a saved state is one that a training could have been in: types, shapes and ranges of all that it holds.
+
+A checkpoint lies on a disk for days, and where it does not fit, training would go on to another result and call it success.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+
+from skillcli.learning.te_ppo import RATES
+from skillcli.trajectories import Array
+
+if TYPE_CHECKING:
+    from skillcli.learning.learner import Learner
+
+COLLECTED = ("env_steps", "return", "success_rate", "final_distance")
+UPDATED = (
+    "inference_log_prob", "explained_variance", "kl", "learning_rate", "action_std", "embedding_std", "value_loss",
+    "inference_loss",
+)  # fmt: skip
+_KEYS = {"iteration", "env_steps", "sampling_seconds", "policy_rate", "generator", "pool"}
+_SLOTS = ("exp_avg", "exp_avg_sq", "step")  # of Adam
+_LONGEST = 1e10  # s, of a training
+_SHOWN = 60  # characters of a value
+
+
+def curve_names(skills: int) -> set[str]:
+    """Names of all learning curves."""
+    return {*COLLECTED, *UPDATED, *(f"success/{skill + 1}" for skill in range(skills))}
+
+
+def check_saved(learner: Learner, arrays: Mapping[str, Array], state: Mapping[str, Any]) -> None:
+    """Refuse what `Learner.state` cannot have given, on this environment, recipe and seed.
+
+    Raises:
+        ValueError: what is wrong first.
+    """
+    for problem in (*_counters(learner, state), *_generator(learner, state)):
+        raise ValueError(problem)
+    for problem in (*_arrays(learner, arrays, state["iteration"]), *_pool(learner, arrays, state["pool"])):
+        raise ValueError(problem)
+    for problem in _agreement(learner, arrays, state):
+        raise ValueError(problem)
+
+
+def is_seconds(found: Any) -> bool:
+    """Whether a value is a duration that a training can have taken."""
+    return type(found) in (int, float) and 0 <= found <= _LONGEST
+
+
+def shown(found: Any) -> str:
+    """A value as it is said in a message, cut short."""
+    text = repr(found)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
+
+
+def _counters(learner: Learner, state: Mapping[str, Any]) -> Iterator[str]:
+    if state.keys() != _KEYS:
+        yield f"its state lacks or should not have {shown(sorted(state.keys() ^ _KEYS))}"
+        return
+    last, steps = learner.recipe.training.iterations, learner.env.num * learner.env.horizon
+    iteration, rate = state["iteration"], state["policy_rate"]
+    if type(iteration) is not int or not 1 <= iteration <= last:
+        yield f"iteration must be between 1 and {last}, got {shown(iteration)}"
+    elif type(state["env_steps"]) is not int or state["env_steps"] != iteration * steps:
+        yield f"env_steps must be {iteration * steps}, got {shown(state['env_steps'])}"
+    if not is_seconds(state["sampling_seconds"]):
+        yield f"sampling_seconds must be a duration, got {shown(state['sampling_seconds'])}"
+    if type(rate) is not float or not RATES[0] <= rate <= RATES[1]:
+        yield f"policy_rate must be between {RATES[0]} and {RATES[1]}, got {shown(rate)}"
+    pool = state["pool"]
+    if not isinstance(pool, list) or [type(each) for each in pool] != [int, int]:
+        yield "pool must be two whole numbers"
+
+
+def _generator(learner: Learner, state: Mapping[str, Any]) -> Iterator[str]:
+    """The generator must be of the kind and the stream that the seed gives; where it stands in it can be anywhere."""
+    own, found = learner.rng.bit_generator.state, state.get("generator")
+    if not isinstance(found, dict) or found.keys() != own.keys() or not isinstance(found["state"], dict):
+        yield "generator is not the state of one"
+        return
+    numbers = [found["state"].get("state"), found["has_uint32"], found["uinteger"]]
+    limits = (2**128, 2, 2**32)
+    if not all(type(each) is int and 0 <= each < limit for each, limit in zip(numbers, limits, strict=True)):
+        yield "generator is not the state of one"
+    if found["bit_generator"] != own["bit_generator"] or found["state"] != {**own["state"], "state": numbers[0]}:
+        yield "generator is that of another seed"
+
+
+def _arrays(learner: Learner, arrays: Mapping[str, Array], iterations: int) -> Iterator[str]:
+    wanted = {f"agent/{name}": (array.shape, array.dtype) for name, array in learner.agent.arrays().items()}
+    wanted |= {f"optimizer/{path}": (shape, np.dtype(np.float32)) for path, shape in _slots(learner).items()}
+    wanted |= {f"curves/{name}": ((iterations,), np.dtype(float)) for name in curve_names(learner.agent.skills)}
+    if different := sorted(wanted.keys() ^ (arrays.keys() - {"pool"})):
+        yield f"{different[0]} is {'missing' if different[0] in wanted else 'not part of it'}"
+        return
+    for path, (shape, dtype) in wanted.items():
+        found = arrays[path]
+        if found.shape != shape or found.dtype != dtype:
+            yield f"{path} holds {found.dtype} of shape {found.shape}, expected {dtype} of shape {shape}"
+        elif not np.isfinite(found).all():
+            yield f"{path} holds values that are not finite"
+        elif path.endswith((".variance", ".count", "/exp_avg_sq", "/step")) and (found < 0).any():
+            yield f"{path} is negative"
+
+
+def _slots(learner: Learner) -> dict[str, tuple[int, ...]]:
+    """What the optimisers remember of every weight that is learned, after the first update."""
+    shapes: dict[str, tuple[int, ...]] = {}
+    for group, optimizer in vars(learner.optimizers).items():
+        assert isinstance(optimizer, torch.optim.Adam)
+        for number, weight in enumerate(optimizer.param_groups[0]["params"]):
+            if weight.requires_grad:
+                shapes |= {f"{group}/{number}/{slot}": () if slot == "step" else tuple(weight.shape) for slot in _SLOTS}
+    return shapes
+
+
+def _pool(learner: Learner, arrays: Mapping[str, Array], pool: list[int]) -> Iterator[str]:
+    """A ring: filled from the front, and from then on overwritten anywhere."""
+    rows, (filled, following), capacity = arrays.get("pool"), pool, learner.pool.capacity
+    if not (0 <= filled <= capacity and 0 <= following < capacity and (filled == capacity or following == filled)):
+        yield f"pool cannot have {filled} states, the next one in place {following}, of {capacity}"
+    width = learner.env.save(np.array([0])).shape[1]
+    if rows is None:
+        if filled:
+            yield "pool is missing"
+    elif rows.shape != (capacity, width) or rows.dtype != np.float64:
+        yield f"pool holds {rows.dtype} of shape {rows.shape}, expected float64 of shape {(capacity, width)}"
+    elif not np.isfinite(rows).all():
+        yield "pool holds values that are not finite"
+
+
+def _agreement(learner: Learner, arrays: Mapping[str, Array], state: Mapping[str, Any]) -> Iterator[str]:
+    """What the curves say must be what the counters say."""
+    each = learner.env.num * learner.env.horizon
+    if not np.array_equal(arrays["curves/env_steps"], each * np.arange(1, state["iteration"] + 1)):
+        yield "curves/env_steps does not count its control steps"
+    if not math.isclose(arrays["curves/learning_rate"][-1], state["policy_rate"]):
+        yield "policy_rate is not where its curve ends"

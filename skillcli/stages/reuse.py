@@ -1,0 +1,98 @@
+"""Finished work that may stand in for work to be done.
+
+A header only claims what an artifact was made from. Here that is computed anew from its own recipe, seed and parents.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from skillcli.envs.domains import find_domains
+from skillcli.envs.tasks import model_fingerprint
+from skillcli.errors import SkillError
+from skillcli.stages import compose, embed_means, pretrain, transfer_eval
+from skillcli.stages.meaning import check_meaning, stored_recipe
+from skillcli.stages.request import Request
+from skillcli.stages.trial import Target
+from skillcli.store import Artifact, Store, content_hash
+from skillcli.trajectories import Array
+
+Inputs = Callable[[Artifact], str]
+
+
+def finished(store: Store, kind: str, inputs: str, name: str, inputs_of: Inputs) -> Artifact | None:
+    """The newest artifact under a name that was made from exactly these inputs, if there is one.
+
+    Args:
+        store: where to look.
+        kind: of the artifact.
+        inputs: fingerprint of everything that the work depends on.
+        name: first part of its id.
+        inputs_of: computes the fingerprint from an artifact's content, "" where it is none of these.
+
+    Raises:
+        StoreError: one that claims to be it cannot be read.
+    """
+    for one in store.find(kind, inputs, name):
+        artifact = store.read(one)
+        if content_hash(artifact) == artifact.content_sha256 and _really(artifact, inputs_of) == inputs:
+            return artifact
+    return None
+
+
+def _really(artifact: Artifact, inputs_of: Inputs) -> str:
+    try:
+        check_meaning(artifact)
+        if artifact.model_sha256 != model_fingerprint(stored_recipe(artifact).task):
+            return ""
+        return inputs_of(artifact)
+    except SkillError:
+        return ""
+
+
+def of_pretrain(artifact: Artifact) -> str:
+    """What a training was made from."""
+    return pretrain.inputs_of(stored_recipe(artifact), artifact.seed)
+
+
+def of_embed_means(artifact: Artifact) -> str:
+    """What means were made from."""
+    return embed_means.inputs_of(artifact.parents[0]) if artifact.parents else ""
+
+
+def of_compose(artifact: Artifact) -> str:
+    """What a plan that was made in the simulation was made from."""
+    results, arrays = artifact.results, artifact.arrays
+    if not artifact.parents or results.get("on"):
+        return ""
+    target, route = arrays["waypoints/target"], arrays["waypoints/route"]
+    routes = tuple(target[route == index] for index in range(results["routes"]))
+    request = Request("" if results["task"] == "goals" else results["task"], routes)
+    return compose.inputs_of(artifact.parents[0], stored_recipe(artifact), request, results["method"], artifact.seed)
+
+
+def of_transfer_eval(artifact: Artifact, domains: Sequence[str], episodes: int) -> str:
+    """What a transfer to these domains, of the skills' own robot, was made from; they are told by what was drawn of them."""
+    results, found = artifact.results, find_domains(domains)
+    named = [domain["name"] for domain in results["domains"]] == [domain.name for domain in found]
+    if not artifact.parents or not named or results.get("robot"):
+        return ""
+    for domain in found:
+        drawn = Target.drawn(domain, episodes, artifact.seed).parameters
+        if not _begins(artifact.group(f"domains/{domain.name}"), drawn):
+            return ""
+    sensitivity = any("sensitivity" in domain for domain in results["domains"])
+    return transfer_eval.inputs_of(
+        artifact.parents[0], stored_recipe(artifact), domains, episodes, artifact.seed, sensitivity=sensitivity
+    )
+
+
+def _begins(stored: Mapping[str, Array], drawn: Mapping[str, Array]) -> bool:
+    """Whether robots are those that are drawn; where all of these are the same, the first ones are enough."""
+    if stored.keys() != drawn.keys():
+        return False
+    pairs = [(stored[name], values) for name, values in drawn.items()]
+    same = all((values == values[:1]).all() for _, values in pairs)
+    return all(np.array_equal(rows, values[: len(rows)] if same else values) for rows, values in pairs)
