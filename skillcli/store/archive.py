@@ -23,6 +23,7 @@ from skillcli.store.atomic import storage_errors
 from skillcli.store.block import MAGIC
 from skillcli.store.container import open_regular, peek, reading
 from skillcli.store.ids import ArtifactId
+from skillcli.store.quarantine import MAX_FILE_BYTES
 from skillcli.store.store import Store
 from skillcli.store.text import canonical, parse
 
@@ -34,7 +35,17 @@ LAST_IMPORTED = 1_000_000
 """Version numbers beyond this are not taken from a file: the next training needs one that is higher."""
 
 _BLOCK = 512  # of a tar
-_HINT = "ask for a new export"
+_LONGEST_END = 1 << 14  # zeros behind the last member
+_PIECE = 1 << 20  # bytes that are copied at a time
+_NEITHER = {
+    b"\x1f\x8b": "packed with gzip",
+    b"BZh": "packed with bzip2",
+    b"\xfd7zXZ": "packed with xz",
+    b"\x28\xb5\x2f\xfd": "packed with zstd",
+    b"PK\3\4": "a zip file",
+    b"\x89HDF": "another HDF5 file",
+}
+_HINT = "give what `skill export` wrote, or the .h5 file of one artifact; if it is damaged, ask for it anew"
 
 
 @dataclass(frozen=True)
@@ -60,6 +71,10 @@ def export(store: Store, artifact_id: ArtifactId, path: Path) -> list[ArtifactId
     for one in ids:
         if problems := store.verify(one):
             raise StoreError(f"cannot export {artifact_id}: {problems[0]}", f"`skill verify {one} --lineage` shows it all")
+        if store.path(one).stat().st_size > MAX_FILE_BYTES:
+            raise StoreError(
+                f"cannot export {one}: nobody could import more than {MAX_FILE_BYTES} bytes", "record fewer episodes"
+            )
     with storage_errors(f"read {store.root}"):
         files = {one: store.path(one).read_bytes() for one in ids}
     entries = [
@@ -237,7 +252,7 @@ def _unpacked(store: Store, path: Path, check: Callable[[Artifact], None]) -> It
     """All artifacts of a file, each checked, ancestors first; one at a time in memory."""
     with ExitStack() as stack:
         if _is_single(path):
-            with reading(path):
+            with reading(path, _HINT):
                 single = ArtifactId.parse(str(peek(path)["id"]))
             places = [(single, path)]
             check(_checked(single, path))
@@ -247,8 +262,17 @@ def _unpacked(store: Store, path: Path, check: Callable[[Artifact], None]) -> It
 
 
 def _is_single(path: Path) -> bool:
-    with reading(path), open_regular(path) as file:
-        return file.read(len(MAGIC)) == MAGIC
+    """Whether it is an artifact's own file.
+
+    Raises:
+        StoreError: it is plainly neither that nor an export.
+    """
+    with reading(path, _HINT), open_regular(path) as file:
+        start = file.read(_BLOCK)
+        for beginning, what in _NEITHER.items():
+            if start.startswith(beginning):
+                raise ValueError(f"it is {what}, neither an export of skill nor an artifact's file")
+        return start.startswith(MAGIC)
 
 
 def _extracted(
@@ -256,11 +280,11 @@ def _extracted(
 ) -> Iterator[tuple[ArtifactId, Path]]:
     """Copy each artifact of an export into the store's folder, under a temporary name until `stack` is closed, and check it."""
     known: dict[ArtifactId, str] = {}
-    with reading(path), open_regular(path) as file:
+    with reading(path, _HINT), open_regular(path) as file:
         members = _members(file)
         name, size = next(members, ("", 0))
         if name != MANIFEST or size > MAX_MANIFEST_BYTES:
-            raise ValueError("it does not begin with the manifest of an export")
+            raise ValueError("it is neither an export of skill nor an artifact's file")
         entries = _entries(parse(file.read(size)))
         with storage_errors(f"write in {store.root}"):
             atomic.make_folder(store.root)
@@ -268,13 +292,10 @@ def _extracted(
             one = ArtifactId.parse(entry["id"])
             if next(members, None) != (f"{one}.h5", entry["bytes"]):
                 raise ValueError(f"{one} is not where its manifest says")
-            data = file.read(entry["bytes"])
-            if hashlib.sha256(data).hexdigest() != entry["sha256"]:
-                raise ValueError(f"the bytes of {one} have changed")
             temporary = atomic.temporary_beside(store.root / "import.h5")
             stack.callback(temporary.unlink, missing_ok=True)
-            with storage_errors(f"write in {store.root}"):
-                temporary.write_bytes(data)
+            if _copied(file, entry["bytes"], temporary) != entry["sha256"]:
+                raise ValueError(f"the bytes of {one} have changed")
             artifact = _checked(one, temporary)
             check(artifact)
             _check_parents(artifact, entry, known)
@@ -282,6 +303,19 @@ def _extracted(
             yield one, temporary
         if next(members, None):
             raise ValueError("it holds more than its manifest says")
+
+
+def _copied(file: BinaryIO, length: int, target: Path) -> str:
+    """Copy bytes of an export into a new file, in pieces; returns their SHA-256."""
+    if length > MAX_FILE_BYTES:
+        raise ValueError(f"it holds a file of {length} bytes, at most {MAX_FILE_BYTES} are read from elsewhere")
+    sha = hashlib.sha256()
+    with storage_errors(f"write in {target.parent}"), target.open("xb") as copy:
+        while length > 0 and (piece := file.read(min(_PIECE, length))):
+            sha.update(piece)
+            copy.write(piece)
+            length -= len(piece)
+    return sha.hexdigest()
 
 
 def _checked(artifact_id: ArtifactId, path: Path) -> Artifact:
@@ -310,12 +344,16 @@ def _members(file: BinaryIO) -> Iterator[tuple[str, int]]:
         file.seek(position)
         header = file.read(_BLOCK)
         if not header.strip(b"\0"):
+            if len(header) < _BLOCK or file.read(_LONGEST_END).strip(b"\0") or file.tell() < end:
+                raise ValueError("it does not end as an export does")
             return
         try:
             info = tarfile.TarInfo.frombuf(header, "ascii", "strict")
         except tarfile.TarError as error:
             raise ValueError(f"it is not an export: {error}") from error
         position += _BLOCK
+        if position == _BLOCK and info.name != MANIFEST:
+            raise ValueError("it is a tar, but not one that `skill export` wrote")
         if info.type != tarfile.REGTYPE or not 0 <= info.size <= end - position:
             raise ValueError(f"{info.name!r} is not a whole regular file")
         yield info.name, info.size
@@ -331,7 +369,7 @@ def _entries(manifest: Any) -> list[dict[str, Any]]:
     """
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT["format"]:
         raise ValueError("it is not an export of skill")
-    if manifest.get("version") != FORMAT["version"]:
+    if manifest.get("version") != FORMAT["version"] or isinstance(manifest["version"], bool):
         raise StoreError(f"the export has format {manifest.get('version')!r}, this skill reads 1", "install a newer skill")
     entries = manifest.get("artifacts")
     shape = {"id": str, "content_sha256": str, "bytes": int, "sha256": str}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import stat
@@ -181,13 +182,15 @@ def _read_elsewhere(file: BinaryIO, stored: int, compare: Compare) -> Contents:
 
 
 @contextmanager
-def reading(path: Path | str) -> Iterator[None]:
-    """Turn whatever is found wrong with a file while reading it into one StoreError."""
+def reading(path: Path | str, hint: str = "restore it from a copy, or remove it") -> Iterator[None]:
+    """Turn whatever is found wrong with a file while reading it into one StoreError with this hint."""
     try:
         yield
     except FAULTS as error:
+        if isinstance(error, OSError) and error.errno in (errno.EACCES, errno.EPERM):
+            hint = "ask its owner to let you read it"
         reason = error.strerror if isinstance(error, OSError) and error.strerror else first_line(error)
-        raise StoreError(f"cannot read {path}: {reason}", "restore it from a copy, or remove it") from error
+        raise StoreError(f"cannot read {path}: {reason}", hint) from error
 
 
 @contextmanager

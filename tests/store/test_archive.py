@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gzip
 import io
 import json
 import os
@@ -355,3 +356,40 @@ def test_exporting_removes_what_a_killed_export_left(store: Store, line: list[Ar
         path.write_bytes(b"half")
     export(store, line[0], folder / "new.tar")
     assert sorted(folder.iterdir()) == sorted([*others, folder / "new.tar"])
+
+
+@pytest.mark.parametrize(
+    ("data", "what"),
+    [
+        (gzip.compress(b"anything"), "packed with gzip"),
+        (b"\x89HDF\r\n\x1a\n" + bytes(600), "another HDF5 file"),
+        (b"PK\3\4" + bytes(600), "a zip file"),
+        (b"hello", "neither an export of skill nor an artifact's file"),
+        (b"", "neither an export of skill nor an artifact's file"),
+    ],
+)
+def test_what_was_never_ours_is_called_what_it_is(store: Store, tmp_path: Path, data: bytes, what: str) -> None:
+    path = tmp_path / "given"
+    path.write_bytes(data)
+    with pytest.raises(StoreError) as caught:
+        import_file(store, path)
+    assert what in caught.value.message
+    assert "remove" not in caught.value.hint
+
+
+def test_a_plain_tar_is_called_one(store: Store, tmp_path: Path) -> None:
+    path = tmp_path / "plain.tar"
+    with tarfile.open(path, "w") as tar:
+        tar.add(__file__, "notes.txt")
+    with pytest.raises(StoreError, match="a tar, but not one that `skill export` wrote"):
+        import_file(store, path)
+
+
+def test_nothing_may_stand_behind_the_end_of_an_export(store: Store, make: Make, tmp_path: Path) -> None:
+    path = tmp_path / "run.tar"
+    export(store, store.write(make()).id, path)
+    for more in (b"something", bytes(1 << 15)):
+        changed = tmp_path / "changed.tar"
+        changed.write_bytes(path.read_bytes() + more)
+        with pytest.raises(StoreError, match="does not end as an export does"):
+            import_file(Store(tmp_path / "other"), changed)
