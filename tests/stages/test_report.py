@@ -266,7 +266,7 @@ def test_what_the_reference_artifacts_do_not_hold_is_said_with_a_command_that_gi
 ) -> None:
     todo = {row.todo for row in reference if row.todo}
     assert "skill compose reference-reach/embed-means --method ddpg --goal=0.5,0,0.15" in todo
-    assert "skill compose reference-push/embed-means --goal=-0.2,0.1" in todo
+    assert "skill compose reference-push-robust/embed-means --goal=-0.2,0.1" in todo
     _, missing = pictures.drawings(select(shipped, [ArtifactId("reference-reach", "embed-means", 1)]))
     (arms,) = [one for one in missing if one.what.startswith("Composer:")]
     assert "--latents continuous` and `skill compose reference-reach/embed-means" in arms.reason
