@@ -17,6 +17,7 @@ from hostile.good import NAME
 from hostile.layout import Bytes, lookup3
 
 from skillcli.errors import StoreError
+from skillcli.stages.meaning import check_meaning
 from skillcli.store import KINDS, ArtifactId, Store, import_file
 
 SOME = """
@@ -78,10 +79,14 @@ def test_a_hostile_file_is_refused_and_never_anything_else(store: Store, tmp_pat
         place = store.path(one)
         place.parent.mkdir()
         shutil.copyfile(file, place)
-        check(forked(lambda: store.verify(one)), case.right, f"verify {name}")
+        check(forked(lambda: store.verify(one, check_meaning)), case.right, f"verify {name}")
         shutil.rmtree(place.parent)
     known = store.ids()
-    check(forked(lambda: list(filter(None, [refusal(lambda: import_file(store, file))]))), case.right, f"import {name}")
+    check(
+        forked(lambda: list(filter(None, [refusal(lambda: import_file(store, file, check_meaning))]))),
+        case.right,
+        f"import {name}",
+    )
     new = [one for one in store.ids() if one not in known]
     assert not new or case.right != "refused"
     assert [problem for one in new for problem in store.verify(one)] == []
