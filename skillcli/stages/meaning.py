@@ -17,6 +17,7 @@ from skillcli.learning.shapes import weight_shapes
 from skillcli.recipe import PointTask, PushTask, Recipe, resolve
 from skillcli.store import Artifact
 from skillcli.store.migrate import brought_up
+from skillcli.store.schema import check_parents
 from skillcli.trajectories import Array
 
 TRAINED = (
@@ -52,7 +53,7 @@ def stored_recipe(artifact: Artifact, overrides: Iterable[str] = ()) -> Recipe:
 
 
 def check_meaning(artifact: Artifact) -> None:
-    """Refuse an artifact that is not what its recipe says.
+    """Refuse an artifact that is not what its recipe says, or was made from what no artifact of its kind is made from.
 
     Only the sections that its skills were trained on are read: plans and transfers of an earlier skill, whose recipes may
     say more of how they were made, stay what they are.
@@ -60,6 +61,7 @@ def check_meaning(artifact: Artifact) -> None:
     Raises:
         StoreError: it is not.
     """
+    check_parents(artifact.kind, [parent.id.stage for parent in artifact.parents], str(artifact.id))
     recipe = _understood(artifact, ("name", *TRAINED))
     arrays, results = brought_up(artifact)
     problems = list(islice(_problems(artifact.kind, recipe, arrays, results), _SHOWN))

@@ -71,7 +71,7 @@ def export(store: Store, artifact_id: ArtifactId, path: Path) -> list[ArtifactId
     for one in ids:
         if problems := store.verify(one):
             raise StoreError(f"cannot export {artifact_id}: {problems[0]}", f"`skill verify {one} --lineage` shows it all")
-        if store.path(one).stat().st_size > MAX_FILE_BYTES:
+        if store.header(one).bytes > MAX_FILE_BYTES:
             raise StoreError(
                 f"cannot export {one}: nobody could import more than {MAX_FILE_BYTES} bytes", "record fewer episodes"
             )
@@ -284,7 +284,7 @@ def _extracted(
         members = _members(file)
         name, size = next(members, ("", 0))
         if name != MANIFEST or size > MAX_MANIFEST_BYTES:
-            raise ValueError("it is neither an export of skill nor an artifact's file")
+            raise ValueError("it is a tar, but not one that `skill export` wrote")
         entries = _entries(parse(file.read(size)))
         with storage_errors(f"write in {store.root}"):
             atomic.make_folder(store.root)
@@ -344,18 +344,18 @@ def _members(file: BinaryIO) -> Iterator[tuple[str, int]]:
         file.seek(position)
         header = file.read(_BLOCK)
         if not header.strip(b"\0"):
+            if not end:
+                raise ValueError("it is empty")
             if len(header) < _BLOCK or file.read(_LONGEST_END).strip(b"\0") or file.tell() < end:
                 raise ValueError("it does not end as an export does")
             return
         try:
             info = tarfile.TarInfo.frombuf(header, "ascii", "strict")
         except tarfile.TarError as error:
-            raise ValueError(f"it is not an export: {error}") from error
+            raise ValueError(f"it is neither an export of skill nor an artifact's file: {error}") from error
         position += _BLOCK
-        if position == _BLOCK and info.name != MANIFEST:
-            raise ValueError("it is a tar, but not one that `skill export` wrote")
         if info.type != tarfile.REGTYPE or not 0 <= info.size <= end - position:
-            raise ValueError(f"{info.name!r} is not a whole regular file")
+            raise ValueError(f"it is a tar, but not one that `skill export` wrote: {info.name!r} is not a whole regular file")
         yield info.name, info.size
         position += -(-info.size // _BLOCK) * _BLOCK
 

@@ -96,6 +96,18 @@ def check_digest(file: BinaryIO) -> None:
         raise ValueError(f"its bytes have changed: sha256 {recorded[:12]} was recorded, {actual[:12]} is found")
 
 
+def check_spelling(file: BinaryIO, header: Mapping[str, Any]) -> None:
+    """Compare the header's words with how it would be written.
+
+    Raises:
+        ValueError: they differ, as where keys stand in another order.
+    """
+    wanted = f"{canonical(header)}\n".encode()
+    file.seek(_LENGTH)
+    if file.read(len(wanted)) != wanted:
+        raise ValueError("its header is not spelled as the store does")
+
+
 def recorded_digest(file: BinaryIO) -> str:
     """The hash that the block says the file has, "" where it says none."""
     file.seek(0)

@@ -157,6 +157,7 @@ def unpack(path: Path, check: Check) -> tuple[dict[str, Any], Contents]:
         if read is _read_elsewhere and header["bytes"] > quarantine.MAX_FILE_BYTES:
             raise ValueError(f"it has {header['bytes']} bytes, at most {quarantine.MAX_FILE_BYTES} are read from elsewhere")
         block.check_digest(file)
+        block.check_spelling(file, header)
 
         def compare(userblock: int, labels: Mapping[str, tuple[str, str]], shapes: Shapes) -> None:
             if userblock != size:

@@ -26,6 +26,7 @@ MAX_ATTRIBUTE_BYTES = 1 << 12
 PLAUSIBLE_BYTES = 48 << 20  # however small the file
 PLAUSIBLE_RATIO = 3  # unpacked over stored, beyond that
 
+_TEXT = (h5py.h5t.CSET_UTF8, h5py.h5t.STR_NULLPAD)  # of the attributes that are written
 _FILTERS = (h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLETCHER32)
 
 
@@ -123,7 +124,11 @@ def read_attributes(path: str, item: Any) -> dict[str, str | int]:
         name = attribute.name.decode("utf-8")
         label = f"attribute {name!r} of {path}"
         kind = attribute.get_type()
-        text = isinstance(kind, h5py.h5t.TypeStringID) and not kind.is_variable_str() and kind.get_cset() == h5py.h5t.CSET_UTF8
+        text = (
+            isinstance(kind, h5py.h5t.TypeStringID)
+            and not kind.is_variable_str()
+            and (kind.get_cset(), kind.get_strpad()) == _TEXT
+        )
         if not text and not (isinstance(kind, h5py.h5t.TypeIntegerID) and kind == h5py.h5t.STD_I64LE):
             raise ValueError(f"{label} is neither a signed integer of 64 bits nor a text of fixed length in UTF-8")
         if attribute.get_space().get_simple_extent_type() != h5py.h5s.SCALAR or kind.get_size() > MAX_ATTRIBUTE_BYTES:

@@ -23,12 +23,12 @@ ACTING = {*map(chr, range(32)), *map(chr, range(127, 160)), "\u202e", "\udc9b"} 
 
 
 def evil(value: Any, name: str = "") -> Any:
-    """The same results with every name and remark in them replaced, but for those that say what to draw."""
+    """The same results with every name and remark in them replaced, but for those that say what is drawn."""
     if isinstance(value, Mapping):
         return {key: evil(item, key) for key, item in value.items()}
     if isinstance(value, list):
         return [evil(item, name) for item in value]
-    return f"{value}{EVIL}" if isinstance(value, str) and name not in ("method", "fingerprint") else value
+    return f"{value}{EVIL}" if isinstance(value, str) and name not in ("method", "fingerprint", "name") else value
 
 
 @pytest.fixture(scope="module")
@@ -89,11 +89,10 @@ def test_a_page_takes_any_name(hostile: Path, tmp_path: Path, monkeypatch: pytes
 
 def test_a_lock_of_anybody_is_told_as_text(hostile: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("skillcli.store.lock.PATIENCE_SECONDS", 0.01)
-    owner = {"token": "t", "host": EVIL, "machine": EVIL, "pid": 7, "started": EVIL, "command": EVIL, "since": 0.0}
-    (hostile / ".lock").write_text(json.dumps(owner))
-    refused = check(skill("--store", hostile, "rm", "evil/transfer-eval-v1"), 1)
-    assert r"\x1b[2J" in refused.err
-    assert r"\x1b[2J" in check(skill("--store", hostile, "unlock")).out
+    (hostile / ".lock").write_text(EVIL, errors="surrogatepass")
+    assert "locked by an unknown process" in check(skill("--store", hostile, "rm", "evil/transfer-eval-v1"), 1).err
+    check(skill("--store", hostile, "unlock"))
+    assert not (hostile / ".lock").exists()
 
 
 @pytest.mark.parametrize(

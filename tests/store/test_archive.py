@@ -365,7 +365,7 @@ def test_exporting_removes_what_a_killed_export_left(store: Store, line: list[Ar
         (b"\x89HDF\r\n\x1a\n" + bytes(600), "another HDF5 file"),
         (b"PK\3\4" + bytes(600), "a zip file"),
         (b"hello", "neither an export of skill nor an artifact's file"),
-        (b"", "neither an export of skill nor an artifact's file"),
+        (b"", "it is empty"),
     ],
 )
 def test_what_was_never_ours_is_called_what_it_is(store: Store, tmp_path: Path, data: bytes, what: str) -> None:

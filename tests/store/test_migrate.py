@@ -11,6 +11,7 @@ import pytest
 
 from skillcli import __version__
 from skillcli.errors import StoreError
+from skillcli.plaintext import markdown
 from skillcli.store import KINDS, ArtifactId, Draft, Store
 from skillcli.store.migrate import STEPS
 
@@ -60,7 +61,7 @@ def test_an_older_version_is_refused_with_the_way_out_and_migrated_in_one_step(g
     assert (new.id.series, new.id.version, new.schema_version) == (old.series, 2, 2)
     assert new.parents == golden.header(old).parents
     assert new.origin["id"] == text and new.origin["schema_version"] == 1
-    assert f"migrated from **{text}**" in new.provenance()
+    assert f"migrated from **{markdown(text)}**" in new.provenance()
     assert golden.current(old) == new.id == golden.current(new.id)
     assert golden.find(new.kind, new.inputs_sha256) == [new.id]
     with pytest.raises(StoreError, match="present schema"):
