@@ -57,8 +57,12 @@ class Arms:
         self.model, self.num, self.substeps, self.action_limit = model, num, substeps, action_limit
         self.batch = Batch(model, num, threads, persistent=True)
         self.names = names
-        joints = [model.joint(name) for name in names.joints]
         servos = [model.actuator(name).id for name in names.servos]
+        self._stiffness = -model.actuator_biasprm[servos, 1]  # N·m/rad
+        limited = model.actuator_forcelimited[servos].astype(bool)
+        strength = np.where(limited, model.actuator_forcerange[servos, 1], np.inf)  # N·m
+        self.largest_sag = strength / self._stiffness  # (7,) rad: what no servo can hold against would drive a joint away
+        joints = [model.joint(name) for name in names.joints]
         self._qpos_address = np.array([joint.qposadr[0] for joint in joints])
         self._dof_address = np.array([joint.dofadr[0] for joint in joints])
         limits = np.array([joint.range if model.jnt_limited[joint.id] else (-np.inf, np.inf) for joint in joints])
@@ -146,7 +150,13 @@ class Arms:
         self.assume(ids, q, np.zeros_like(q), q[:, None], object_pose)
 
     def assume(
-        self, ids: Array, joint_position: Array, joint_velocity: Array, commands: Array, object_pose: Array | None = None
+        self,
+        ids: Array,
+        joint_position: Array,
+        joint_velocity: Array,
+        commands: Array,
+        object_pose: Array | None = None,
+        sag: Array | None = None,
     ) -> None:
         """Put arms into a state of motion; the object, where there is one, rests.
 
@@ -157,12 +167,16 @@ class Arms:
             commands: (n, c, 7) rad, the commanded targets of the last control steps, the present one last; before them, the
                 first of them held.
             object_pose: (n, 7) m and w x y z.
+            sag: (n, 7) rad, how far from their targets the joints come to rest: from now on a torque pulls them there. Part of
+                the state; `largest_sag` at most.
         """
         self.batch.state[ids] = self._default_row
         self._qpos[np.ix_(ids, self._qpos_address)] = joint_position
         self._qvel[np.ix_(ids, self._dof_address)] = joint_velocity
         if object_pose is not None:
             self._qpos[ids, self._object_qpos] = object_pose
+        if sag is not None:
+            self.batch.bind("qfrc_applied")[np.ix_(ids, self._dof_address)] = self._stiffness * sag
         self._ctrl[ids] = commands[:, -1]
         self._memory.fill(ids, commands)  # else the servos would first obey a memory of zeros
         self.batch.forward(np.sort(ids), stage=_NEW_STATE)

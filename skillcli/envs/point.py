@@ -76,8 +76,8 @@ class PointEnvironment:
         """See `Environment`."""
         return Sighting(self._seen.astype(float), np.concatenate([self._seen, np.zeros((self.num, 1))], axis=1))
 
-    def imagine(self, ids: Array, state: Array) -> None:
-        """See `Environment`."""
+    def imagine(self, ids: Array, state: Array, sag: Array | None = None) -> None:
+        """See `Environment`; a point goes where it is sent."""
         self.restore(ids, np.clip(state, -self._bound, self._bound))
 
     def judged(self) -> Array:

@@ -301,13 +301,13 @@ class PushEnvironment(ArmEnvironment):
         point[:, 2] = 0.0
         return point
 
-    def imagine(self, ids: Array, state: Array) -> None:
+    def imagine(self, ids: Array, state: Array, sag: Array | None = None) -> None:
         """See `Environment`; the box lies flat on this robot's own table, however high and tilted the other one is."""
         lying = state.copy()
         lying[:, -5] = self._rest(state[:, -7:-5], ids)
         flat = _upright_turn(2 * np.arctan2(state[:, -1], state[:, -4]))  # its turn about the vertical, without any tilt
         lying[:, -4:] = flat if self._tilt is None else table.turned(table.quaternion(self._tilt[ids]), flat)
-        super().imagine(ids, lying)
+        super().imagine(ids, lying, sag)
 
     def snapshot(self) -> dict[str, Array]:
         """See `Environment`."""

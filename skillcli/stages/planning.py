@@ -26,7 +26,7 @@ from skillcli.seeding import generator
 from skillcli.stages.library import Library
 from skillcli.stages.progress import Progress, Report
 from skillcli.stages.robots import Robots
-from skillcli.trajectories import Array
+from skillcli.trajectories import SAFETY_LIMITS, Array
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class Leg:
         """Room for this many latents to be held at once, at the start, unless memory bounds it."""
         count = self.robots.count
         env = self.robots.simulations(self.recipe.task, min(max(1, MAX_SIMULATIONS // count), slots))
-        return LatentEnvironment(env, self.library.agent.act, count, within_limits=True)
+        return LatentEnvironment(env, self.library.agent.act, count, SAFETY_LIMITS)
 
     def tell(self, unit: str) -> Callable[[int, int, str], None]:
         """What a planner tells, as progress of the stage."""

@@ -18,15 +18,15 @@ from skillcli.composition.search import Expansions
 from skillcli.envs.environment import Environment, Sighting
 from skillcli.errors import UsageError
 from skillcli.learning.playback import conduct, met
-from skillcli.recipe import PointTask
 from skillcli.seeding import generator
+from skillcli.stages.identification import Identification
 from skillcli.stages.planning import Leg, choices_of, mpc_from, search_from
 from skillcli.stages.robots import Robots
 from skillcli.trajectories import Array, Trajectories
 
 REPLANS = ("search", "mpc")
-LATENESS = np.array([0.0, 0.025, 0.05, 0.075, 0.1, 0.15])  # s, told apart
 MARGIN = 0.8  # of the tolerance that the judge has: what the sensors show is off by millimetres
+KEPT = ("box_pressed", "box_tipped")  # limits that a plan keeps; noise alone may break those of the arm
 PATIENCE = 0.5  # of an episode's time for coming as near as asked for; from then on what the judge takes is near enough
 GLANCE = 2  # control steps over which the speed of the judged point is seen: over one, noise would drown it
 
@@ -69,8 +69,8 @@ class Replanner:
         slots = settings.replan_batch * len(self._choices.latent) if method == "search" else leg.recipe.mpc.samples
         self._simulations = leg.robots.simulations(leg.recipe.task, slots)
         self._lateness = 0.0  # s, of the simulations
-        self._late = Robots({"latency": LATENESS}, len(LATENESS)).simulations(leg.recipe.task, 1)
-        self._world = LatentEnvironment(self._simulations, leg.library.agent.act)
+        self._known = Identification(leg.recipe.task)
+        self._world = LatentEnvironment(self._simulations, leg.library.agent.act, limits=KEPT)
         self._longest = leg.steps(search.segments[0] if method == "search" else leg.recipe.mpc.segment)
 
     def episode(self, target: Environment, waypoints: Array, steps: int, seed: int) -> Trajectories:
@@ -83,6 +83,8 @@ class Replanner:
             seed: of methods that use chance.
         """
         target.target[:] = waypoints[-1]
+        self._known.begin()
+        self._assume(self._known.lateness)
         mission = _Mission(self, target, waypoints, round(PATIENCE * steps), generator(seed, "replanning"))
         recording, _ = conduct(target, self.leg.library.agent.act, mission.feed, steps)
         return recording.judged_by(recording.success & met(recording, [waypoints], target.tolerance))
@@ -93,25 +95,13 @@ class Replanner:
         own = self.leg.recipe.search if self.method == "search" else self.leg.recipe.mpc
         return min(own.goal_tolerance, self.leg.recipe.task.tolerance)
 
-    def misfit(self, state: Array, applied: Sequence[Array], measured: Sequence[Array]) -> Array:
-        """How far robots of each `LATENESS` end up from what was measured, summed over the steps, rad².
+    def learn(self, state: Array, applied: Sequence[Array], measured: Sequence[Array]) -> None:
+        """Take account of a segment that is over, see `Identification`; plan for a robot that obeys like that."""
+        self._known.learn(state, applied, measured)
+        self._assume(self._known.lateness)
 
-        Args:
-            state: (1, v) sighting before the first step.
-            applied: increments (7,) rad of each step.
-            measured: joint angles (7,) rad behind each step.
-        """
-        off = np.zeros(len(LATENESS))
-        if isinstance(self.leg.recipe.task, PointTask):  # obeys at once
-            return off
-        self._late.imagine(np.arange(len(LATENESS)), np.repeat(state, len(LATENESS), axis=0))
-        for increment, joints in zip(applied, measured, strict=True):
-            step = self._late.step(np.tile(increment / self.leg.recipe.task.action_limit, (len(LATENESS), 1)))
-            off += np.square(step.observation[:, :7] - joints).sum(axis=1)
-        return off
-
-    def assume(self, lateness: float) -> None:
-        """Plan for a robot that obeys this late, s, from now on."""
+    def _assume(self, lateness: float) -> None:
+        """Let the simulations obey this late, s."""
         if lateness != self._lateness:
             late = {"latency": np.full(self._simulations.num, lateness)}
             self._simulations.perturb(late, np.random.default_rng(0))  # without noise there is nothing to draw
@@ -120,7 +110,7 @@ class Replanner:
     def next(self, seen: Sighting, waypoints: Array, rng: np.random.Generator) -> Segment:
         """The first segment of a new plan; where nothing tried is better than staying, a moment of the first skill."""
         began = time.perf_counter()
-        self._simulations.imagine(np.array([0]), seen.state)
+        self._simulations.imagine(np.array([0]), seen.state, self._known.sag[None])
         planner = self._planner(*self._world.start(), waypoints, rng)
         run(planner, self._world, lambda *_: None)
         self.effort.plans += 1
@@ -154,7 +144,6 @@ class _Mission:
         self._begun: Array = np.zeros((1, 0))  # what was seen when the segment began
         self._applied: list[Array] = []
         self._measured: list[Array] = []  # since then, behind each step
-        self._misfit = np.zeros(len(LATENESS))
 
     def feed(self, _: int, failed: Array) -> tuple[Array, Array, Array] | None:
         """See `conduct`."""
@@ -177,10 +166,8 @@ class _Mission:
         return latent[None], np.array([self._segment.skill]), np.array([True])
 
     def _identify(self, seen: Sighting) -> None:
-        """Learn from the segment that has ended how late the target obeys."""
-        if self._applied:
-            self._misfit += self._replanner.misfit(self._begun, self._applied, self._measured)
-        self._replanner.assume(float(LATENESS[np.argmin(self._misfit)]))
+        """Learn from the segment that has ended how the target obeys."""
+        self._replanner.learn(self._begun, self._applied, self._measured)
         self._begun, self._applied, self._measured = seen.state, [], []
 
     def _arrived(self) -> bool:
