@@ -28,6 +28,9 @@ class Simulations(Protocol):
     def step(self, action: Array) -> Any:
         """One control step: observation, reward, terminated, truncated."""
 
+    def wake(self, ids: Array | None) -> None:
+        """Let only these simulations move, all where None; the others may stay as they are."""
+
     def landmarks(self) -> Array:
         """Points that tell how things stand, (N, L, 3) m, the judged one first."""
 
@@ -106,6 +109,7 @@ class LatentEnvironment:
         path = [self._env.landmarks()[used]]
         failed = np.zeros(len(used), dtype=bool)
         observation = self._env.observe()
+        self._env.wake(used)
         for _ in range(steps):
             step = self._env.step(self._act(observation, held))
             observation = step.observation
@@ -113,6 +117,7 @@ class LatentEnvironment:
             if self.limits:
                 failed |= self._broken()[used]
             path.append(self._env.landmarks()[used])
+        self._env.wake(None)
         self.control_steps += steps * len(used)
         self.held += count
         along = np.stack(path, axis=1)

@@ -180,9 +180,11 @@ class UniformCostSearch:
 
     def _remaining(self, node: Node) -> float:
         """Length of the straight way through all waypoints that are due, m."""
-        if self._met(node):
-            return 0.0
-        return float(cautious(self._route.way(node.due, node.points)))
+        return 0.0 if self._met(node) else self.way_left(node)
+
+    def way_left(self, node: Node) -> float:
+        """The same, where the last waypoint stays due, m."""
+        return float(cautious(self._route.way(np.minimum(node.due, len(self.waypoints) - 1), node.points)))
 
     def _priority(self, node: Node) -> float:
         if self._met(node):
@@ -248,6 +250,20 @@ class Expansions:
     def plan(self) -> list[Segment]:
         """See `Planner`: to the goal node, or to the nearest one when the budget is spent."""
         return self.search.plan(self.search.best)
+
+    @property
+    def to_go(self) -> float:
+        """What the best plan leaves of the way straight through all waypoints, m; of the last one's tolerance too."""
+        return self.search.way_left(self.search.best)
+
+    @property
+    def next_place(self) -> Array:
+        """Where the judged point is behind the first segment of the best plan, (3,) m, in the mean over the robots."""
+        node = self.search.best
+        while node.parent is not None and node.parent.parent is not None:
+            node = node.parent
+        place: Array = node.points[:, 0].mean(axis=0)
+        return place
 
     def ask(self) -> Proposal:
         """See `Planner`."""

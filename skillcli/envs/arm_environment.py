@@ -191,6 +191,10 @@ class ArmEnvironment:
         reward = np.where(failed, self.failure_reward, self.reward())
         return Step(self.observe(), reward, failed, self._elapsed >= self.horizon)
 
+    def wake(self, ids: Array | None) -> None:
+        """See `Environment`."""
+        self.arms.awake = ids
+
     def look(self) -> Sighting:
         """See `Environment`: joints and their velocities, the targets commanded of late, and the pose of the object."""
         steps = min(2, len(self._past))  # over one step the noise of the sensors would drown the velocity

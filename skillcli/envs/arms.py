@@ -85,6 +85,7 @@ class Arms:
             self._contact_force = slice(first, first + 3)
         self._qvel = self.batch.bind("qvel")
         self._default_row = self.batch.state[0].copy()
+        self.awake: Array | None = None  # ids of the simulations that move; None for all, the others cost nothing
         self._perturbed: set[str] = set()  # model fields that differ between simulations
         self._memory = _Memory(self.batch, servos, substeps)
 
@@ -198,12 +199,12 @@ class Arms:
         done = 0
         for late in np.unique(lateness) if lateness is not None else (0,):
             if late > done:
-                self.batch.step(nstep=int(late - done), stage=_NEW_STATE)
+                self.batch.step(self.awake, nstep=int(late - done), stage=_NEW_STATE)
                 done = late
             due = slice(None) if lateness is None else lateness == late
             self._ctrl[due] = target[due]
         if done < self.substeps:
-            self.batch.step(nstep=int(self.substeps - done), stage=_NEW_STATE)
+            self.batch.step(self.awake, nstep=int(self.substeps - done), stage=_NEW_STATE)
         return increment
 
     def save(self, ids: Array) -> Array:

@@ -56,6 +56,9 @@ class Environment(Protocol):
     def step(self, action: Array) -> Step:
         """Apply actions (N, a), in units of the action limit and clipped to ±1, for one control step."""
 
+    def wake(self, ids: Array | None) -> None:
+        """Let only these simulations move, all where None; the others may stay as they are, and cost less."""
+
     def judged(self) -> Array:
         """Where the judged point of each simulation is, (N, 3) m."""
 

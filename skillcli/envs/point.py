@@ -80,6 +80,9 @@ class PointEnvironment:
         """See `Environment`; a point goes where it is sent."""
         self.restore(ids, np.clip(state, -self._bound, self._bound))
 
+    def wake(self, ids: Array | None) -> None:
+        """See `Environment`; points cost nothing."""
+
     def judged(self) -> Array:
         """See `Environment`."""
         return np.concatenate([self._position, np.zeros((self.num, 1))], axis=1)

@@ -19,7 +19,7 @@ from skillcli.trajectories import Array
 
 LATENESS = np.array([0.0, 0.025, 0.05, 0.075, 0.1, 0.15])  # s, told apart
 SETTLING = 0.1  # s, in which a servo comes to rest to 1/e: damping over stiffness
-DOUBT = 2.0  # settled control steps that must be seen for what they tell first to count half
+DOUBT = 0.3  # settled control steps that must be seen for what they tell first to count half
 KEPT = 0.7  # of what is known, from one segment to the next: the arm has moved on
 SILENCE = 0.002**2  # rad², per control step: what no joint is expected to do better
 

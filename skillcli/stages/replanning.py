@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skillcli.composition.latent_environment import LatentEnvironment
+from skillcli.composition.mpc import ModelPredictiveControl
 from skillcli.composition.plan import Segment
-from skillcli.composition.planner import Planner, run
+from skillcli.composition.planner import run
 from skillcli.composition.search import Expansions
 from skillcli.envs.environment import Environment, Sighting
 from skillcli.errors import UsageError
@@ -28,6 +29,8 @@ REPLANS = ("search", "mpc")
 MARGIN = 0.8  # of the tolerance that the judge has: what the sensors show is off by millimetres
 KEPT = ("box_pressed", "box_tipped")  # limits that a plan keeps; noise alone may break those of the arm
 PATIENCE = 0.5  # of an episode's time for coming as near as asked for; from then on what the judge takes is near enough
+FIRST_LOOK = 4  # control steps after which a target is looked at first: how it obeys is not known before
+OFF = 0.01  # m that a plan is expected to be off by as long as nothing was seen
 GLANCE = 2  # control steps over which the speed of the judged point is seen: over one, noise would drown it
 
 
@@ -42,6 +45,15 @@ class Effort:
     def mean(self) -> float | None:
         """Seconds per plan, None where nothing was planned."""
         return self.seconds / self.plans if self.plans else None
+
+
+@dataclass(frozen=True)
+class Prospect:
+    """What is to be done next, and what the simulation says comes of it."""
+
+    segment: Segment
+    place: Array  # (3,) m, where the judged point should be behind it
+    to_go: float  # m, what the whole plan leaves of the way
 
 
 class Replanner:
@@ -71,6 +83,7 @@ class Replanner:
         self._lateness = 0.0  # s, of the simulations
         self._known = Identification(leg.recipe.task)
         self._world = LatentEnvironment(self._simulations, leg.library.agent.act, limits=KEPT)
+        self._reckless = LatentEnvironment(self._simulations, leg.library.agent.act)
         self._longest = leg.steps(search.segments[0] if method == "search" else leg.recipe.mpc.segment)
 
     def episode(self, target: Environment, waypoints: Array, steps: int, seed: int) -> Trajectories:
@@ -107,21 +120,27 @@ class Replanner:
             self._simulations.perturb(late, np.random.default_rng(0))  # without noise there is nothing to draw
             self._lateness = lateness
 
-    def next(self, seen: Sighting, waypoints: Array, rng: np.random.Generator) -> Segment:
-        """The first segment of a new plan; where nothing tried is better than staying, a moment of the first skill."""
+    def next(self, seen: Sighting, waypoints: Array, rng: np.random.Generator) -> Prospect:
+        """The first segment of a new plan, and what comes of it; where every way breaks a limit, the limits are left out."""
         began = time.perf_counter()
         self._simulations.imagine(np.array([0]), seen.state, self._known.sag[None])
-        planner = self._planner(*self._world.start(), waypoints, rng)
+        row, points = self._world.start()
+        planner = self._planner(row, points, waypoints, rng)
         run(planner, self._world, lambda *_: None)
+        if not planner.plan():
+            planner = self._planner(row, points, waypoints, rng)
+            run(planner, self._reckless, lambda *_: None)
         self.effort.plans += 1
         self.effort.seconds += time.perf_counter() - began
         plan = planner.plan()
-        if not plan:
+        if not plan:  # every way fails: a moment of the first skill
             library = self.leg.library
-            return Segment(library.mean[0], 0, library.names[0], 1)
-        return replace(plan[0], steps=min(plan[0].steps, self._longest))
+            return Prospect(Segment(library.mean[0], 0, library.names[0], 1), points[0, 0], planner.to_go)
+        return Prospect(replace(plan[0], steps=min(plan[0].steps, self._longest)), planner.next_place, planner.to_go)
 
-    def _planner(self, row: Array, points: Array, waypoints: Array, rng: np.random.Generator) -> Planner:
+    def _planner(
+        self, row: Array, points: Array, waypoints: Array, rng: np.random.Generator
+    ) -> Expansions | ModelPredictiveControl:
         if self.method == "mpc":
             return mpc_from(self.leg, row, points, waypoints, 1, rng)
         settings = self.leg.recipe.transfer
@@ -138,8 +157,10 @@ class _Mission:
         self._replanner, self._target, self._waypoints, self._rng = replanner, target, waypoints, rng
         self._patience = patience  # control steps
         self._due = 0
-        self._segment: Segment | None = None
-        self._left = 0  # control steps that the segment is still held for
+        self._prospect: Prospect | None = None
+        self._errors: list[float] = []  # m, how far the judged point came to lie from where a segment should have led it
+        self._held, self._left = 0, 0  # control steps that the segment was held for, and still is
+        self._looked = False
         self._path: list[Array] = []  # (3,) m, the judged point as it was seen
         self._begun: Array = np.zeros((1, 0))  # what was seen when the segment began
         self._applied: list[Array] = []
@@ -156,14 +177,38 @@ class _Mission:
             self._measured.append(seen.state[0, :7])
         if self._arrived():
             return None
-        if self._left == 0:
-            self._identify(seen)
-            self._segment = self._replanner.next(seen, self._waypoints[self._due :], self._rng)
-            self._left = self._segment.steps
-        assert self._segment is not None
-        latent = self._segment.latents[self._segment.steps - self._left]
-        self._left -= 1
-        return latent[None], np.array([self._segment.skill]), np.array([True])
+        if self._left == 0 and not self._go_on(seen):
+            return None
+        assert self._prospect is not None
+        segment = self._prospect.segment
+        latent = segment.latents[self._held]
+        self._held, self._left = self._held + 1, self._left - 1
+        return latent[None], np.array([segment.skill]), np.array([True])
+
+    def _go_on(self, seen: Sighting) -> bool:
+        """Plan again; whether that is worth its while."""
+        if self._prospect is not None and self._held == self._prospect.segment.steps:
+            self._errors.append(float(np.linalg.norm(seen.judged[0] - self._prospect.place)))
+        self._identify(seen)
+        self._prospect = self._replanner.next(seen, self._waypoints[self._due :], self._rng)
+        self._held, self._left = 0, self._prospect.segment.steps
+        if not self._looked:
+            self._left, self._looked = min(self._left, FIRST_LOOK), True
+        return not (self._near() and self._hopeless())
+
+    def _near(self) -> bool:
+        """Whether the judge would take it, at the last waypoint."""
+        return self._due == len(self._waypoints) - 1 and self._gap() <= MARGIN * self._target.tolerance
+
+    def _hopeless(self) -> bool:
+        """Whether the plan should end no nearer than here, with what plans of this episode were off by."""
+        assert self._prospect is not None
+        spread = float(np.sqrt(np.mean(np.square([OFF, *self._errors]))))
+        return float(np.hypot(self._prospect.to_go, spread)) >= self._gap()
+
+    def _gap(self) -> float:
+        """To the waypoint that is due, as it was seen, m."""
+        return float(np.linalg.norm(self._path[-1] - self._waypoints[self._due]))
 
     def _identify(self, seen: Sighting) -> None:
         """Learn from the segment that has ended how the target obeys."""
@@ -172,7 +217,7 @@ class _Mission:
 
     def _arrived(self) -> bool:
         """Take note of a waypoint that is met; whether the last one is, slowly enough."""
-        gap = float(np.linalg.norm(self._path[-1] - self._waypoints[self._due]))
+        gap = self._gap()
         if self._due < len(self._waypoints) - 1:
             if gap <= MARGIN * self._target.tolerance:
                 self._due, self._left = self._due + 1, 0  # what is being held was meant for the one before
