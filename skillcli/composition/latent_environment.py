@@ -95,8 +95,8 @@ class LatentEnvironment:
     def _broken(self) -> Array:
         """Which simulations break one of the limits that are kept, (N,) bool."""
         violations = self._env.violations()
-        kept = [name in self.limits for name in SAFETY_LIMITS[: violations.shape[1]]]
-        broken: Array = violations[:, kept].any(axis=1)
+        kept = np.array([name in self.limits for name in SAFETY_LIMITS[: violations.shape[1]]], dtype=bool)
+        broken: Array = (violations & kept).any(axis=1)
         return broken
 
     def _hold(self, rows: Array, latent: Array, steps: int) -> Outcome:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -60,9 +60,13 @@ class UniformCostSearch:
         waypoints: (W, 3) m, to be met in order, each at any step; the plan ends where the last one is met.
         choices: latents.
         settings: see `Settings`.
+        barred: choices that lead nowhere from the start.
     """
 
-    def __init__(self, root: Array, points: Array, waypoints: Array, choices: Choices, settings: Settings) -> None:
+    def __init__(
+        self, root: Array, points: Array, waypoints: Array, choices: Choices, settings: Settings, barred: Collection[int] = ()
+    ) -> None:
+        self._barred = barred
         self.waypoints, self.choices, self.settings = waypoints, choices, settings
         self._route = Route(waypoints, settings.tolerance, settings.half_edges)
         start = Node(None, -1, 0, 0.0, np.zeros(len(points), dtype=int), points, root, 0.0)
@@ -109,7 +113,7 @@ class UniformCostSearch:
         speed = np.linalg.norm(np.diff(judged, axis=2), axis=3).mean(axis=1) / self.settings.step_seconds  # (n, steps)
         dues, met = self._progress(np.array([node.due for node in nodes]), judged, speed)
         for i, node in enumerate(nodes):
-            if outcome.failed[i].any():
+            if outcome.failed[i].any() or (node.parent is None and int(choice[i]) in self._barred):
                 continue
             held = int(met[i]) or steps  # a plan ends the moment its last goal is met
             points = outcome.path[i, :, held]

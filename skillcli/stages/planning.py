@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -112,7 +112,9 @@ def choices_of(leg: Leg) -> Choices:
     return Choices.of(leg.library.mean, leg.library.names, settings.interpolated, grid)
 
 
-def search_from(leg: Leg, row: Array, points: Array, waypoints: Array, choices: Choices, budget: int) -> UniformCostSearch:
+def search_from(
+    leg: Leg, row: Array, points: Array, waypoints: Array, choices: Choices, budget: int, barred: Collection[int] = ()
+) -> UniformCostSearch:
     """A search from a state (S,) with landmarks (M, L, 3) m to waypoints (W, 3) m."""
     settings = leg.recipe.search
     return UniformCostSearch(
@@ -132,6 +134,7 @@ def search_from(leg: Leg, row: Array, points: Array, waypoints: Array, choices: 
             final_speed=settings.final_speed or float("inf"),
             budget=budget,
         ),
+        barred,
     )
 
 

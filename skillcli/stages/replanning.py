@@ -6,7 +6,7 @@ How late the target obeys is told from how it moved; the next plan is made for a
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from skillcli.composition.search import Expansions
 from skillcli.envs.environment import Environment, Sighting
 from skillcli.errors import UsageError
 from skillcli.learning.playback import conduct, met
+from skillcli.recipe import PushTask
 from skillcli.seeding import generator
 from skillcli.stages.identification import Identification
 from skillcli.stages.planning import Leg, choices_of, mpc_from, search_from
@@ -28,6 +29,8 @@ from skillcli.trajectories import Array, Trajectories
 REPLANS = ("search", "mpc")
 MARGIN = 0.8  # of the tolerance that the judge has: what the sensors show is off by millimetres
 KEPT = ("box_pressed", "box_tipped")  # limits that a plan keeps; noise alone may break those of the arm
+FRICTION = np.array([0.6, 1.0, 1.4, 1.4])  # factors of robots that must not break them either: where it is high a box tips
+DOUBT = 0.01  # rad that their joints rest elsewhere than believed
 PATIENCE = 0.5  # of an episode's time for coming as near as asked for; from then on what the judge takes is near enough
 FIRST_LOOK = 4  # control steps after which a target is looked at first: how it obeys is not known before
 OFF = 0.01  # m that a plan is expected to be off by as long as nothing was seen
@@ -83,6 +86,11 @@ class Replanner:
         self._lateness = 0.0  # s, of the simulations
         self._known = Identification(leg.recipe.task)
         self._world = LatentEnvironment(self._simulations, leg.library.agent.act, limits=KEPT)
+        self._others: Environment | None = None
+        if method == "search" and isinstance(leg.recipe.task, PushTask):
+            several = Robots({"latency": np.zeros(len(FRICTION)), "contact_friction": FRICTION}, len(FRICTION))
+            self._others = several.simulations(leg.recipe.task, len(self._choices.latent))
+            self._elsewhere = LatentEnvironment(self._others, leg.library.agent.act, len(FRICTION), KEPT)
         self._reckless = LatentEnvironment(self._simulations, leg.library.agent.act)
         self._longest = leg.steps(search.segments[0] if method == "search" else leg.recipe.mpc.segment)
 
@@ -118,14 +126,19 @@ class Replanner:
         if lateness != self._lateness:
             late = {"latency": np.full(self._simulations.num, lateness)}
             self._simulations.perturb(late, np.random.default_rng(0))  # without noise there is nothing to draw
+            if self._others is not None:
+                friction = np.resize(FRICTION, self._others.num)
+                late = {"latency": np.full(len(friction), lateness), "contact_friction": friction}
+                self._others.perturb(late, np.random.default_rng(0))
             self._lateness = lateness
 
     def next(self, seen: Sighting, waypoints: Array, rng: np.random.Generator) -> Prospect:
         """The first segment of a new plan, and what comes of it; where every way breaks a limit, the limits are left out."""
         began = time.perf_counter()
+        barred = self._barred(seen, rng)
         self._simulations.imagine(np.array([0]), seen.state, self._known.sag[None])
         row, points = self._world.start()
-        planner = self._planner(row, points, waypoints, rng)
+        planner = self._planner(row, points, waypoints, rng, barred)
         run(planner, self._world, lambda *_: None)
         if not planner.plan():
             planner = self._planner(row, points, waypoints, rng)
@@ -138,13 +151,24 @@ class Replanner:
             return Prospect(Segment(library.mean[0], 0, library.names[0], 1), points[0, 0], planner.to_go)
         return Prospect(replace(plan[0], steps=min(plan[0].steps, self._longest)), planner.next_place, planner.to_go)
 
+    def _barred(self, seen: Sighting, rng: np.random.Generator) -> frozenset[int]:
+        """Choices that break a limit of the box sooner than others do, held where it slides worse or better than believed."""
+        if self._others is None:
+            return frozenset()
+        each, sag = np.arange(len(FRICTION)), self._known.sag + DOUBT * rng.standard_normal((len(FRICTION), 7))
+        self._others.imagine(each, np.repeat(seen.state, len(each), axis=0), sag)
+        latent = self._choices.latent
+        rows = np.tile(self._others.save(each).ravel(), (len(latent), 1))
+        broken = self._elsewhere.hold(rows, latent, self._longest).failed.sum(axis=1)
+        return frozenset(np.flatnonzero(broken > broken.min()).tolist())
+
     def _planner(
-        self, row: Array, points: Array, waypoints: Array, rng: np.random.Generator
+        self, row: Array, points: Array, waypoints: Array, rng: np.random.Generator, barred: Collection[int] = ()
     ) -> Expansions | ModelPredictiveControl:
         if self.method == "mpc":
             return mpc_from(self.leg, row, points, waypoints, 1, rng)
         settings = self.leg.recipe.transfer
-        search = search_from(self.leg, row, points, waypoints, self._choices, settings.replan_budget)
+        search = search_from(self.leg, row, points, waypoints, self._choices, settings.replan_budget, barred)
         return Expansions(search, settings.replan_batch)
 
 
