@@ -120,7 +120,9 @@ def compared(blind: Trajectories, again: Trajectories) -> str:
     """The paired difference of success, replanned minus blindly."""
     won, lost = int((again.success & ~blind.success).sum()), int((blind.success & ~again.success).sum())
     low, high = paired_interval(won, lost, blind.episodes)
-    return f"replanned - blindly: {(won - lost) / blind.episodes:+.0%} ({low:+.0%} to {high:+.0%}), won {won}, lost {lost}, p {mcnemar(won, lost):.2g}"
+    p = mcnemar(won, lost)
+    difference = (won - lost) / blind.episodes
+    return f"replanned - blindly: {difference:+.0%} ({low:+.0%} to {high:+.0%}), won {won}, lost {lost}, p {p:.2g}"
 
 
 def _told(where: str, pairs: Sequence[tuple[Trajectories, Trajectories]]) -> None:

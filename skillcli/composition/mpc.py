@@ -81,12 +81,13 @@ class ModelPredictiveControl:
     @property
     def done(self) -> tuple[int, int, str]:
         """See `Planner`."""
-        return len(self._segments), self._longest, f"{self.to_go:.3f} m to go"
+        left = float(cautious(self._route.left(self._due, self._points)))
+        return len(self._segments), self._longest, f"{left:.3f} m to go"
 
     @property
     def to_go(self) -> float:
-        """What the segments so far leave of the way through all waypoints, the way behind a box with it, m."""
-        return float(cautious(self._route.left(self._due, self._points)))
+        """What the segments so far leave of the way straight through all waypoints, m."""
+        return float(cautious(self._route.way(self._due, self._points)))
 
     @property
     def next_place(self) -> Array:

@@ -108,6 +108,8 @@ class Replanner:
         self._assume(self._known.lateness)
         mission = _Mission(self, target, waypoints, round(PATIENCE * steps), generator(seed, "replanning"))
         recording, _ = conduct(target, self.leg.library.agent.act, mission.feed, steps)
+        if mission.gave_up():
+            recording = replace(recording, gave_up=np.ones(1, dtype=bool))
         return recording.judged_by(recording.success & met(recording, [waypoints], target.tolerance))
 
     @property
@@ -184,7 +186,7 @@ class _Mission:
         self._prospect: Prospect | None = None
         self._errors: list[float] = []  # m, how far the judged point came to lie from where a segment should have led it
         self._held, self._left = 0, 0  # control steps that the segment was held for, and still is
-        self._looked = False
+        self._looked, self._in_time = False, True
         self._path: list[Array] = []  # (3,) m, the judged point as it was seen
         self._begun: Array = np.zeros((1, 0))  # what was seen when the segment began
         self._applied: list[Array] = []
@@ -193,6 +195,7 @@ class _Mission:
     def feed(self, _: int, failed: Array) -> tuple[Array, Array, Array] | None:
         """See `conduct`."""
         if failed[0]:
+            self._in_time = False
             return None
         seen = self._target.look()
         self._path.append(seen.judged[0])
@@ -218,7 +221,12 @@ class _Mission:
         self._held, self._left = 0, self._prospect.segment.steps
         if not self._looked:
             self._left, self._looked = min(self._left, FIRST_LOOK), True
-        return not (self._near() and self._hopeless())
+        return not (len(self._path) > 1 and self._near() and self._hopeless())
+
+    def gave_up(self) -> bool:
+        """Whether its time was over, and what is judged seemed not to be near."""
+        self._path.append(self._target.look().judged[0])
+        return self._in_time and not self._near()
 
     def _near(self) -> bool:
         """Whether the judge would take it, at the last waypoint."""
