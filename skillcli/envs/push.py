@@ -92,7 +92,6 @@ class PushEnvironment(ArmEnvironment):
     privileged_size = 11
     failure_reward = LOST
     table_tolerance = SOFT_TABLE_TOLERANCE
-    upright = UPRIGHT  # cosine of how far a box may tip
 
     def __init__(self, task: PushTask, num: int, threads: int = 0, delay: bool = False, robot: Robot | None = None) -> None:
         self._task = task
@@ -234,7 +233,7 @@ class PushEnvironment(ArmEnvironment):
 
     def violations(self) -> Array:
         """See `ArmEnvironment`; and boxes that are pressed into the table, or fall over."""
-        return np.column_stack([super().violations(), self._sunk() > BOX_TOLERANCE, self._up()[:, 2] < self.upright])
+        return np.column_stack([super().violations(), self._sunk() > BOX_TOLERANCE, self._up()[:, 2] < UPRIGHT])
 
     def _sunk(self) -> Array:
         """How far the lowest corners of boxes on the table are below its top, (N,) m."""

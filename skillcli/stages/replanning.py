@@ -5,7 +5,6 @@ How late the target obeys is told from how it moved; the next plan is made for a
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +17,6 @@ from skillcli.composition.plan import Segment
 from skillcli.composition.planner import run
 from skillcli.composition.search import Expansions
 from skillcli.envs.environment import Environment, Sighting
-from skillcli.envs.push import PushEnvironment
 from skillcli.errors import UsageError
 from skillcli.learning.playback import conduct, met
 from skillcli.recipe import PushTask
@@ -31,9 +29,7 @@ from skillcli.trajectories import Array, Trajectories
 REPLANS = ("search", "mpc")
 MARGIN = 0.8  # of the tolerance that the judge has: what the sensors show is off by millimetres
 KEPT = ("box_pressed", "box_tipped")  # limits that a plan keeps; noise alone may break those of the arm
-OTHERS = 8  # robots that must not break them either, out of the domain that plans for several robots are made for
-DIFFER = ("link_mass", "gain", "joint_damping", "joint_friction", "object_mass", "contact_friction", "table_height")  # in these
-CAREFUL = math.cos(math.radians(20))  # of how far a box may tip on them
+FRICTION = np.array([0.6, 1.0, 1.4, 1.4])  # factors of robots that must not break them either: where it is high a box tips
 DOUBT = 0.01  # rad that their joints rest elsewhere than believed
 PATIENCE = 0.5  # of an episode's time for coming as near as asked for; from then on what the judge takes is near enough
 FIRST_LOOK = 4  # control steps after which a target is looked at first: how it obeys is not known before
@@ -92,14 +88,9 @@ class Replanner:
         self._world = LatentEnvironment(self._simulations, leg.library.agent.act, limits=KEPT)
         self._others: Environment | None = None
         if method == "search" and isinstance(leg.recipe.task, PushTask):
-            drawn = Robots.ensemble(leg.recipe.compose.robots, OTHERS, leg.seed).parameters
-            self._drawn = {name: drawn[name] for name in DIFFER if name in drawn}
-            several = Robots(self._drawn | {"latency": np.zeros(OTHERS)}, OTHERS)
-            others = several.simulations(leg.recipe.task, len(self._choices.latent))
-            assert isinstance(others, PushEnvironment)
-            others.upright = CAREFUL
-            self._others = others
-            self._elsewhere = LatentEnvironment(others, leg.library.agent.act, OTHERS, KEPT)
+            several = Robots({"latency": np.zeros(len(FRICTION)), "contact_friction": FRICTION}, len(FRICTION))
+            self._others = several.simulations(leg.recipe.task, len(self._choices.latent))
+            self._elsewhere = LatentEnvironment(self._others, leg.library.agent.act, len(FRICTION), KEPT)
         self._reckless = LatentEnvironment(self._simulations, leg.library.agent.act)
         self._longest = leg.steps(search.segments[0] if method == "search" else leg.recipe.mpc.segment)
 
@@ -138,10 +129,9 @@ class Replanner:
             late = {"latency": np.full(self._simulations.num, lateness)}
             self._simulations.perturb(late, np.random.default_rng(0))  # without noise there is nothing to draw
             if self._others is not None:
-                others = {
-                    name: np.resize(values, (self._others.num, *values.shape[1:])) for name, values in self._drawn.items()
-                }
-                self._others.perturb(others | {"latency": np.full(self._others.num, lateness)}, np.random.default_rng(0))
+                friction = np.resize(FRICTION, self._others.num)
+                late = {"latency": np.full(len(friction), lateness), "contact_friction": friction}
+                self._others.perturb(late, np.random.default_rng(0))
             self._lateness = lateness
 
     def next(self, seen: Sighting, waypoints: Array, rng: np.random.Generator) -> Prospect:
@@ -167,7 +157,7 @@ class Replanner:
         """Choices that break a limit of the box sooner than others do, held where it slides worse or better than believed."""
         if self._others is None:
             return frozenset()
-        each, sag = np.arange(OTHERS), self._known.sag + DOUBT * rng.standard_normal((OTHERS, 7))
+        each, sag = np.arange(len(FRICTION)), self._known.sag + DOUBT * rng.standard_normal((len(FRICTION), 7))
         self._others.imagine(each, np.repeat(seen.state, len(each), axis=0), sag)
         latent = self._choices.latent
         rows = np.tile(self._others.save(each).ravel(), (len(latent), 1))
