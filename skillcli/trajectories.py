@@ -42,6 +42,7 @@ class Trajectories:
     position: Array | None = None  # (E, T+1, 2) m, the point task
     judged_position: Array | None = None  # (E, T+1, 3) m, only where it is not the point that is said above
     unstable: Array | None = None  # (E,) bool: the simulation came apart, and the last state kept is the one before
+    gave_up: Array | None = None  # (E,) bool: planned again until the time was over, and was not near as far as was seen
     violations: Array | None = None  # (E, K) control steps that ended beyond each of the first K `SAFETY_LIMITS`
 
     @property
@@ -68,6 +69,11 @@ class Trajectories:
     def stable(self) -> Array:
         """Which episodes did not come apart, (E,) bool."""
         return np.ones(self.episodes, dtype=bool) if self.unstable is None else ~self.unstable
+
+    @property
+    def given_up(self) -> Array:
+        """Which episodes gave up, (E,) bool."""
+        return np.zeros(self.episodes, dtype=bool) if self.gave_up is None else self.gave_up
 
     @property
     def beyond_limits(self) -> dict[str, Array]:
@@ -142,4 +148,6 @@ def _alike(parts: Sequence[Trajectories]) -> list[Trajectories]:
         parts = [replace(part, judged_position=part.judged) for part in parts]
     if any(part.unstable is not None for part in parts):
         parts = [replace(part, unstable=~part.stable) for part in parts]
+    if any(part.gave_up is not None for part in parts):
+        parts = [replace(part, gave_up=part.given_up) for part in parts]
     return list(parts)

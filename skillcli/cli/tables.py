@@ -141,9 +141,15 @@ def _unstable(domains: Sequence[Mapping[str, Any]]) -> list[str]:
     return [f"unstable: {', '.join(told)}; the simulation came apart, no distance is counted"] if told else []
 
 
+def _gave_up(domains: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Of domains in which episodes that were planned again ended away from their goal."""
+    told = [f"{each['name']} in {each['gave_up']} of {each['episodes']} episodes" for each in domains if each.get("gave_up")]
+    return [f"gave up: {', '.join(told)}; no latent that was tried led near the goal in time"] if told else []
+
+
 def _footnotes(found: Mapping[str, Any]) -> list[str]:
     """Of a transfer: what `replay` is, limits that are broken, the worst episode by the name that it has in the viewer."""
-    said = [*_unstable(found["domains"]), *_once(found["domains"])]
+    said = [*_unstable(found["domains"]), *_gave_up(found["domains"]), *_once(found["domains"])]
     if "worst" not in found["domains"][0]:
         return said
     lines = [*said, "replay: the source's commands sent blindly, median distance between where they end here and there"]

@@ -6,13 +6,13 @@ nobody has modelled.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, fields
 from typing import Any, Protocol
 
 import numpy as np
 
-from skillcli.trajectories import Array
+from skillcli.trajectories import SAFETY_LIMITS, Array
 
 Act = Callable[[Array, Array], Array]  # observations (N, o) and latents (N, d) to actions (N, a)
 
@@ -27,6 +27,9 @@ class Simulations(Protocol):
 
     def step(self, action: Array) -> Any:
         """One control step: observation, reward, terminated, truncated."""
+
+    def wake(self, ids: Array | None) -> None:
+        """Let only these simulations move, all where None; the others may stay as they are."""
 
     def landmarks(self) -> Array:
         """Points that tell how things stand, (N, L, 3) m, the judged one first."""
@@ -58,12 +61,13 @@ class LatentEnvironment:
         env: simulations, `robots` for each slot: simulation i is a robot of the kind i modulo `robots`.
         act: the frozen policy.
         robots: M, on which every latent is tried side by side.
-        within_limits: whether a latent fails where a robot breaks a safety limit. Not for states that were measured: their
-            noise alone may break one.
+        limits: names out of `SAFETY_LIMITS`; a latent fails where a robot breaks one of them. From states that were measured
+            only what their noise cannot break by itself.
     """
 
-    def __init__(self, env: Simulations, act: Act, robots: int = 1, within_limits: bool = False) -> None:
-        self._env, self._act, self.robots, self._within_limits = env, act, robots, within_limits
+    def __init__(self, env: Simulations, act: Act, robots: int = 1, limits: Collection[str] = ()) -> None:
+        self._env, self._act, self.robots = env, act, robots
+        self.limits = limits
         self.slots = env.num // robots
         self.control_steps = 0  # spent so far, over all robots in use
         self.held = 0  # latents that were held so far, each from one state
@@ -88,6 +92,13 @@ class LatentEnvironment:
         ]
         return Outcome(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Outcome)))
 
+    def _broken(self) -> Array:
+        """Which simulations break one of the limits that are kept, (N,) bool."""
+        violations = self._env.violations()
+        kept = np.array([name in self.limits for name in SAFETY_LIMITS[: violations.shape[1]]], dtype=bool)
+        broken: Array = (violations & kept).any(axis=1)
+        return broken
+
     def _hold(self, rows: Array, latent: Array, steps: int) -> Outcome:
         """The same from as many states as there are slots, at most."""
         count, robots = len(rows), self.robots
@@ -98,13 +109,15 @@ class LatentEnvironment:
         path = [self._env.landmarks()[used]]
         failed = np.zeros(len(used), dtype=bool)
         observation = self._env.observe()
+        self._env.wake(used)
         for _ in range(steps):
             step = self._env.step(self._act(observation, held))
             observation = step.observation
             failed |= step.terminated[used]
-            if self._within_limits:
-                failed |= self._env.violations()[used].any(axis=1)
+            if self.limits:
+                failed |= self._broken()[used]
             path.append(self._env.landmarks()[used])
+        self._env.wake(None)
         self.control_steps += steps * len(used)
         self.held += count
         along = np.stack(path, axis=1)

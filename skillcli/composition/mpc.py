@@ -84,6 +84,17 @@ class ModelPredictiveControl:
         left = float(cautious(self._route.left(self._due, self._points)))
         return len(self._segments), self._longest, f"{left:.3f} m to go"
 
+    @property
+    def to_go(self) -> float:
+        """What the segments so far leave of the way straight through all waypoints, m."""
+        return float(cautious(self._route.way(self._due, self._points)))
+
+    @property
+    def next_place(self) -> Array:
+        """Where the judged point is behind the segments so far, (3,) m, in the mean over the robots."""
+        place: Array = self._points[:, 0].mean(axis=0)
+        return place
+
     def plan(self) -> list[Segment]:
         """See `Planner`."""
         return self._segments

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -60,9 +60,13 @@ class UniformCostSearch:
         waypoints: (W, 3) m, to be met in order, each at any step; the plan ends where the last one is met.
         choices: latents.
         settings: see `Settings`.
+        barred: choices that lead nowhere from the start.
     """
 
-    def __init__(self, root: Array, points: Array, waypoints: Array, choices: Choices, settings: Settings) -> None:
+    def __init__(
+        self, root: Array, points: Array, waypoints: Array, choices: Choices, settings: Settings, barred: Collection[int] = ()
+    ) -> None:
+        self._barred = barred
         self.waypoints, self.choices, self.settings = waypoints, choices, settings
         self._route = Route(waypoints, settings.tolerance, settings.half_edges)
         start = Node(None, -1, 0, 0.0, np.zeros(len(points), dtype=int), points, root, 0.0)
@@ -109,7 +113,7 @@ class UniformCostSearch:
         speed = np.linalg.norm(np.diff(judged, axis=2), axis=3).mean(axis=1) / self.settings.step_seconds  # (n, steps)
         dues, met = self._progress(np.array([node.due for node in nodes]), judged, speed)
         for i, node in enumerate(nodes):
-            if outcome.failed[i].any():
+            if outcome.failed[i].any() or (node.parent is None and int(choice[i]) in self._barred):
                 continue
             held = int(met[i]) or steps  # a plan ends the moment its last goal is met
             points = outcome.path[i, :, held]
@@ -180,9 +184,11 @@ class UniformCostSearch:
 
     def _remaining(self, node: Node) -> float:
         """Length of the straight way through all waypoints that are due, m."""
-        if self._met(node):
-            return 0.0
-        return float(cautious(self._route.way(node.due, node.points)))
+        return 0.0 if self._met(node) else self.way_left(node)
+
+    def way_left(self, node: Node) -> float:
+        """The same, where the last waypoint stays due, m."""
+        return float(cautious(self._route.way(np.minimum(node.due, len(self.waypoints) - 1), node.points)))
 
     def _priority(self, node: Node) -> float:
         if self._met(node):
@@ -248,6 +254,20 @@ class Expansions:
     def plan(self) -> list[Segment]:
         """See `Planner`: to the goal node, or to the nearest one when the budget is spent."""
         return self.search.plan(self.search.best)
+
+    @property
+    def to_go(self) -> float:
+        """What the best plan leaves of the way straight through all waypoints, m; of the last one's tolerance too."""
+        return self.search.way_left(self.search.best)
+
+    @property
+    def next_place(self) -> Array:
+        """Where the judged point is behind the first segment of the best plan, (3,) m, in the mean over the robots."""
+        node = self.search.best
+        while node.parent is not None and node.parent.parent is not None:
+            node = node.parent
+        place: Array = node.points[:, 0].mean(axis=0)
+        return place
 
     def ask(self) -> Proposal:
         """See `Planner`."""

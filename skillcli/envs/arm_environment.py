@@ -191,6 +191,10 @@ class ArmEnvironment:
         reward = np.where(failed, self.failure_reward, self.reward())
         return Step(self.observe(), reward, failed, self._elapsed >= self.horizon)
 
+    def wake(self, ids: Array | None) -> None:
+        """See `Environment`."""
+        self.arms.awake = ids
+
     def look(self) -> Sighting:
         """See `Environment`: joints and their velocities, the targets commanded of late, and the pose of the object."""
         steps = min(2, len(self._past))  # over one step the noise of the sensors would drown the velocity
@@ -212,12 +216,12 @@ class ArmEnvironment:
         """Where the judged point seems to be, (N, 3) m."""
         return self._measured[:, 7:].astype(float)
 
-    def imagine(self, ids: Array, state: Array) -> None:
+    def imagine(self, ids: Array, state: Array, sag: Array | None = None) -> None:
         """See `Environment`."""
         joints, velocity, rest = state[:, :7], state[:, 7:14], state[:, 14:]
         commands = rest[:, : 7 * (REMEMBERED + 1)].reshape(len(ids), REMEMBERED + 1, 7)
         pose = rest[:, 7 * (REMEMBERED + 1) :]
-        self.arms.assume(ids, joints, velocity, commands, pose if pose.shape[1] else None)
+        self.arms.assume(ids, joints, velocity, commands, pose if pose.shape[1] else None, sag)
 
     def _commanded(self) -> Array:
         """Commanded targets as the controller shows them, (N, 7) rad: they share the offset of the encoders."""

@@ -57,8 +57,12 @@ class Arms:
         self.model, self.num, self.substeps, self.action_limit = model, num, substeps, action_limit
         self.batch = Batch(model, num, threads, persistent=True)
         self.names = names
-        joints = [model.joint(name) for name in names.joints]
         servos = [model.actuator(name).id for name in names.servos]
+        self._stiffness = -model.actuator_biasprm[servos, 1]  # N·m/rad
+        limited = model.actuator_forcelimited[servos].astype(bool)
+        strength = np.where(limited, model.actuator_forcerange[servos, 1], np.inf)  # N·m
+        self.largest_sag = strength / self._stiffness  # (7,) rad: what no servo can hold against would drive a joint away
+        joints = [model.joint(name) for name in names.joints]
         self._qpos_address = np.array([joint.qposadr[0] for joint in joints])
         self._dof_address = np.array([joint.dofadr[0] for joint in joints])
         limits = np.array([joint.range if model.jnt_limited[joint.id] else (-np.inf, np.inf) for joint in joints])
@@ -81,6 +85,7 @@ class Arms:
             self._contact_force = slice(first, first + 3)
         self._qvel = self.batch.bind("qvel")
         self._default_row = self.batch.state[0].copy()
+        self.awake: Array | None = None  # ids of the simulations that move; None for all, the others cost nothing
         self._perturbed: set[str] = set()  # model fields that differ between simulations
         self._memory = _Memory(self.batch, servos, substeps)
 
@@ -146,7 +151,13 @@ class Arms:
         self.assume(ids, q, np.zeros_like(q), q[:, None], object_pose)
 
     def assume(
-        self, ids: Array, joint_position: Array, joint_velocity: Array, commands: Array, object_pose: Array | None = None
+        self,
+        ids: Array,
+        joint_position: Array,
+        joint_velocity: Array,
+        commands: Array,
+        object_pose: Array | None = None,
+        sag: Array | None = None,
     ) -> None:
         """Put arms into a state of motion; the object, where there is one, rests.
 
@@ -157,12 +168,16 @@ class Arms:
             commands: (n, c, 7) rad, the commanded targets of the last control steps, the present one last; before them, the
                 first of them held.
             object_pose: (n, 7) m and w x y z.
+            sag: (n, 7) rad, how far from their targets the joints come to rest: from now on a torque pulls them there. Part of
+                the state; `largest_sag` at most.
         """
         self.batch.state[ids] = self._default_row
         self._qpos[np.ix_(ids, self._qpos_address)] = joint_position
         self._qvel[np.ix_(ids, self._dof_address)] = joint_velocity
         if object_pose is not None:
             self._qpos[ids, self._object_qpos] = object_pose
+        if sag is not None:
+            self.batch.bind("qfrc_applied")[np.ix_(ids, self._dof_address)] = self._stiffness * sag
         self._ctrl[ids] = commands[:, -1]
         self._memory.fill(ids, commands)  # else the servos would first obey a memory of zeros
         self.batch.forward(np.sort(ids), stage=_NEW_STATE)
@@ -184,12 +199,12 @@ class Arms:
         done = 0
         for late in np.unique(lateness) if lateness is not None else (0,):
             if late > done:
-                self.batch.step(nstep=int(late - done), stage=_NEW_STATE)
+                self.batch.step(self.awake, nstep=int(late - done), stage=_NEW_STATE)
                 done = late
             due = slice(None) if lateness is None else lateness == late
             self._ctrl[due] = target[due]
         if done < self.substeps:
-            self.batch.step(nstep=int(self.substeps - done), stage=_NEW_STATE)
+            self.batch.step(self.awake, nstep=int(self.substeps - done), stage=_NEW_STATE)
         return increment
 
     def save(self, ids: Array) -> Array:

@@ -56,6 +56,9 @@ class Environment(Protocol):
     def step(self, action: Array) -> Step:
         """Apply actions (N, a), in units of the action limit and clipped to ±1, for one control step."""
 
+    def wake(self, ids: Array | None) -> None:
+        """Let only these simulations move, all where None; the others may stay as they are, and cost less."""
+
     def judged(self) -> Array:
         """Where the judged point of each simulation is, (N, 3) m."""
 
@@ -74,8 +77,11 @@ class Environment(Protocol):
     def look(self) -> Sighting:
         """The state as the sensors show it now, noise and all, behind the last observation."""
 
-    def imagine(self, ids: Array, state: Array) -> None:
-        """Put simulations (n,) into the state that sightings (n, v) suggest, those of another robot perhaps."""
+    def imagine(self, ids: Array, state: Array, sag: Array | None = None) -> None:
+        """Put simulations (n,) into the state that sightings (n, v) suggest, those of another robot perhaps.
+
+        Its joints may come to rest off their targets, by `sag` (n, 7) rad; so do those of these simulations from now on.
+        """
 
     def perturb(self, parameters: Mapping[str, Array], rng: Rng) -> None:
         """Turn every simulation into a robot of its own, before a reset; see `skillcli.perturbation.PARAMETERS`.

@@ -76,9 +76,12 @@ class PointEnvironment:
         """See `Environment`."""
         return Sighting(self._seen.astype(float), np.concatenate([self._seen, np.zeros((self.num, 1))], axis=1))
 
-    def imagine(self, ids: Array, state: Array) -> None:
-        """See `Environment`."""
+    def imagine(self, ids: Array, state: Array, sag: Array | None = None) -> None:
+        """See `Environment`; a point goes where it is sent."""
         self.restore(ids, np.clip(state, -self._bound, self._bound))
+
+    def wake(self, ids: Array | None) -> None:
+        """See `Environment`; points cost nothing."""
 
     def judged(self) -> Array:
         """See `Environment`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from functools import cached_property
 
@@ -33,6 +34,7 @@ NET_FORCE = 3  # as contact sensors count their ways to reduce several contacts
 CLEARANCE = 0.01  # m: the finger is to keep this far off the table
 START_GAP = 0.002  # m: between arm and box at a start
 FIRM, CRUSHING = 2.0, 10.0  # weights of the nominal box: downward forces from which on pressing costs, and costs no more
+LEANING = math.cos(0.2)  # of the angle from upright beyond which a box leans: no domain tilts a table by more rad
 LIFTED = 0.05  # m above its rest: a box that flies
 THROWN = 2.0  # m/s: four times what the fastest push gives it
 # Reward of losing the box, else losing it would end the costs: worse than to stand still for good with the box 30 cm from its
@@ -227,8 +229,7 @@ class PushEnvironment(ArmEnvironment):
 
     def _up(self) -> Array:
         """Where the boxes see up, unit vectors (N, 3) in their own frames."""
-        w, x, y, z = self.arms.object_pose[:, 3:].T
-        return np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1)
+        return _up(self.arms.object_pose[:, 3:])
 
     def violations(self) -> Array:
         """See `ArmEnvironment`; and boxes that are pressed into the table, or fall over."""
@@ -301,17 +302,32 @@ class PushEnvironment(ArmEnvironment):
         point[:, 2] = 0.0
         return point
 
-    def imagine(self, ids: Array, state: Array) -> None:
-        """See `Environment`; the box lies flat on this robot's own table, however high and tilted the other one is."""
+    def imagine(self, ids: Array, state: Array, sag: Array | None = None) -> None:
+        """See `Environment`; the box lies flat on this robot's own table, however high and tilted the other one is.
+
+        A box that leans on the finger, by more than any table is tilted, is about to fall: it leans here too, its lowest
+        corner on the table.
+        """
         lying = state.copy()
         lying[:, -5] = self._rest(state[:, -7:-5], ids)
         flat = _upright_turn(2 * np.arctan2(state[:, -1], state[:, -4]))  # its turn about the vertical, without any tilt
         lying[:, -4:] = flat if self._tilt is None else table.turned(table.quaternion(self._tilt[ids]), flat)
-        super().imagine(ids, lying)
+        up = _up(state[:, -4:])
+        leans = (up[:, 2] < LEANING) & (up[:, 2] > UPRIGHT)
+        reach = (np.abs(up) * self._half_edges[ids]).sum(axis=1)  # of the lowest corner, down from the centre
+        lying[leans, -4:] = state[leans, -4:]
+        lying[leans, -5] += (reach - self._half_edges[ids, 2])[leans]
+        super().imagine(ids, lying, sag)
 
     def snapshot(self) -> dict[str, Array]:
         """See `Environment`."""
         return {**super().snapshot(), "object_pose": self.arms.object_pose.copy()}
+
+
+def _up(turned: Array) -> Array:
+    """Where boxes turned by quaternions (n, 4) w x y z see up, unit vectors (n, 3) in their own frames."""
+    w, x, y, z = turned.T
+    return np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1)
 
 
 def _upright_turn(angle: Array) -> Array:

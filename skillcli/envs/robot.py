@@ -129,6 +129,9 @@ def load_robot(path: Path) -> Robot:
             )
             scene.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
             model = compile_model(scene, Path(description.model))
+        if notes_of_inertia := _steadied(scene, model, names, servos, description.joints):
+            notes += notes_of_inertia
+            model = compile_model(scene, Path(description.model))
         away = _check_conventions(model, names, description.joints)
         if np.linalg.norm(away) > NOTICED:
             notes.append(f"at the task's start the gripper is {100 * np.linalg.norm(away):.0f} cm from where the source has it")
@@ -169,6 +172,38 @@ def _shakes(model: mujoco.MjModel, names: sawyer.Names, servos: list[Servo]) -> 
     dofs = [model.joint(name).dofadr[0] for name in names.joints]
     rates = np.linalg.eigvals(np.linalg.solve(inertia[np.ix_(dofs, dofs)], np.diag([servo.kv for servo in servos])))
     return bool(model.opt.timestep * np.abs(rates).max() > 1)
+
+
+def _steadied(
+    scene: mujoco.MjSpec, model: mujoco.MjModel, names: sawyer.Names, servos: list[Servo], shown: tuple[str, ...]
+) -> list[str]:
+    """Give joints that are too light for their servos the inertia of a motor, and note it.
+
+    At its largest torque a servo is switched rather than damped, whatever the integrator: a step h then changes the speed
+    by F h / I, which damping answers with up to F only. With an inertia I of k_v h it comes to rest, below it shakes.
+    """
+    missing = np.zeros(len(servos))
+    for index, (servo, inertia) in enumerate(zip(servos, _felt_inertia(model, names), strict=True)):
+        if np.isfinite(servo.force).any():
+            missing[index] = max(0.0, servo.kv * model.opt.timestep - inertia)
+            scene.joint(names.joints[index]).armature += missing[index]
+    light = ", ".join(name for name, more in zip(shown, missing, strict=True) if more > 0)
+    if not light:
+        return []
+    return [
+        f"up to {missing.max():.2g} kg·m² of motor inertia were added to {light}: at their largest torque these servos would "
+        "shake at this time step"
+    ]
+
+
+def _felt_inertia(model: mujoco.MjModel, names: sawyer.Names) -> Array:
+    """Inertia that the servo of each joint feels at the reach task's start, the other joints free, (7,) kg·m²."""
+    data = _posed(model, names, ReachTask().start)
+    inertia = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, inertia)
+    dofs = [model.joint(name).dofadr[0] for name in names.joints]
+    felt: Array = 1 / np.diag(np.linalg.inv(inertia[np.ix_(dofs, dofs)]))
+    return felt
 
 
 def _check_conventions(model: mujoco.MjModel, names: sawyer.Names, joints: tuple[str, ...]) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -26,7 +26,7 @@ from skillcli.seeding import generator
 from skillcli.stages.library import Library
 from skillcli.stages.progress import Progress, Report
 from skillcli.stages.robots import Robots
-from skillcli.trajectories import Array
+from skillcli.trajectories import SAFETY_LIMITS, Array
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class Leg:
         """Room for this many latents to be held at once, at the start, unless memory bounds it."""
         count = self.robots.count
         env = self.robots.simulations(self.recipe.task, min(max(1, MAX_SIMULATIONS // count), slots))
-        return LatentEnvironment(env, self.library.agent.act, count, within_limits=True)
+        return LatentEnvironment(env, self.library.agent.act, count, SAFETY_LIMITS)
 
     def tell(self, unit: str) -> Callable[[int, int, str], None]:
         """What a planner tells, as progress of the stage."""
@@ -112,7 +112,9 @@ def choices_of(leg: Leg) -> Choices:
     return Choices.of(leg.library.mean, leg.library.names, settings.interpolated, grid)
 
 
-def search_from(leg: Leg, row: Array, points: Array, waypoints: Array, choices: Choices, budget: int) -> UniformCostSearch:
+def search_from(
+    leg: Leg, row: Array, points: Array, waypoints: Array, choices: Choices, budget: int, barred: Collection[int] = ()
+) -> UniformCostSearch:
     """A search from a state (S,) with landmarks (M, L, 3) m to waypoints (W, 3) m."""
     settings = leg.recipe.search
     return UniformCostSearch(
@@ -132,6 +134,7 @@ def search_from(leg: Leg, row: Array, points: Array, waypoints: Array, choices: 
             final_speed=settings.final_speed or float("inf"),
             budget=budget,
         ),
+        barred,
     )
 
 

@@ -67,6 +67,7 @@ def outcome(recording: Trajectories, repeats: bool) -> dict[str, Any]:
         "ci95": [rate, rate] if repeats else list(metrics.wilson_interval(successes, episodes)),
         "deterministic": repeats,
         "unstable": int((~recording.stable).sum()),
+        "gave_up": int(recording.given_up.sum()),
         "final_distance_m": _summary(metrics.final_distance(recording)[recording.stable]),
     }
 

@@ -59,6 +59,7 @@ OUTCOME = {
     "final_distance_m": DISTANCES,
     "deterministic": Optional(bool),
     "unstable": Optional(int),
+    "gave_up": Optional(int),
 }
 WORST = {"episode": int, "final_distance_m": Maybe(float), "success": bool, "parameters": DictOf(float)}
 

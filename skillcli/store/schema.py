@@ -94,6 +94,7 @@ TRAJECTORIES = {
     "trajectories/length": Field("episode", "step", values=Values("i", 1, of="trajectories: step")),
     "trajectories/violations": Field("episode,limit", "step", required=False, values=COUNT),
     "trajectories/unstable": Field("episode", required=False, values=TRUTH),
+    "trajectories/gave_up": Field("episode", required=False, values=TRUTH),
     "trajectories/judged_position": Field("episode,step+1,xyz", "m", required=False),
     **POSITIONS,
 }

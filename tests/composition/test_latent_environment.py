@@ -11,7 +11,7 @@ import pytest
 from skillcli.composition.latent_environment import LatentEnvironment
 from skillcli.envs.tasks import make
 from skillcli.recipe import PushTask, ReachTask
-from skillcli.trajectories import Array
+from skillcli.trajectories import SAFETY_LIMITS, Array
 
 
 class Plane:
@@ -27,6 +27,9 @@ class Plane:
     def step(self, action: Array) -> Any:
         self.position = self.position + action
         return SimpleNamespace(observation=self.observe(), terminated=self.position[:, 0] > 10)
+
+    def wake(self, ids: Array | None) -> None:
+        self.awake = ids
 
     def violations(self) -> Array:
         return np.stack([self.position[:, 1] > 2, self.position[:, 2] > 2], axis=1)
@@ -75,8 +78,13 @@ def test_a_failure_on_the_way_is_kept_even_if_it_passes() -> None:
 def test_a_limit_that_one_robot_breaks_on_the_way_is_a_failure_where_limits_are_to_be_kept() -> None:
     rows = np.array([[0.0, 0, 0, 0, 1.5, 0], [0, 0, 0, 0, 0, 0]])
     latent = np.array([[0.0, 1, 0], [0, 0.2, 0.2]])
-    for kept, expected in ((True, [[False, True], [False, False]]), (False, [[False, False]] * 2)):
-        world = LatentEnvironment(Plane(4), act, robots=2, within_limits=kept)
+    for kept, expected in (
+        (SAFETY_LIMITS, [[False, True], [False, False]]),
+        (SAFETY_LIMITS[:1], [[False, True], [False, False]]),
+        (SAFETY_LIMITS[1:], [[False, False]] * 2),
+        ((), [[False, False]] * 2),
+    ):
+        world = LatentEnvironment(Plane(4), act, robots=2, limits=kept)
         assert world.hold(rows, latent, 2).failed.tolist() == expected
 
 

@@ -54,6 +54,23 @@ def solve(plan: UniformCostSearch, world: World | None = None, batch: int = 1) -
     return plan.best
 
 
+def test_a_barred_choice_leads_nowhere_from_the_start_and_is_free_later() -> None:
+    plan = planner([(3, 2, 0)], choices(RIGHT, UP, DIAGONAL))
+    plan = UniformCostSearch(np.zeros(3), np.zeros((1, 1, 3)), plan.waypoints, plan.choices, SETTINGS, barred={2})
+    found = [(segment.label, segment.steps) for segment in plan.plan(solve(plan))]
+    assert found == [("1", 1), ("3", 2)] and plan.best is plan.goal
+
+
+def test_a_plan_tells_where_its_first_segment_leads_and_what_it_leaves_of_the_way() -> None:
+    plan = planner([(3, 2, 0), (3, 3.05, 0)], choices(RIGHT, UP, DIAGONAL))
+    expansions = Expansions(plan, 1)
+    assert expansions.to_go == pytest.approx(math.hypot(3, 2) + 1.05)
+    run(expansions, World(), lambda *_: None)  # type: ignore[arg-type]
+    assert expansions.to_go == pytest.approx(0.05), "what the tolerance leaves"
+    first = expansions.plan()[0]
+    np.testing.assert_allclose(expansions.next_place, first.latent), "a segment of one step"
+
+
 def test_uniform_cost_finds_the_shortest_way() -> None:
     plan = planner([(3, 2, 0)], choices(RIGHT, UP, DIAGONAL))
     node = solve(plan)

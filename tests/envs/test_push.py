@@ -462,6 +462,16 @@ def test_a_moving_box_is_seen_where_it_was() -> None:
     assert poses[-1][1] - poses[-3][1] > 1e-3 and poses[-1][6] - poses[-3][6] > 1e-3
 
 
+@pytest.mark.parametrize(("degrees", "imagined"), [(5, 0), (30, 30), (90, 0)])
+def test_a_box_that_leans_is_imagined_leaning_and_one_that_lies_is_imagined_flat(degrees: float, imagined: float) -> None:
+    seen, half = PushEnvironment(TASK, 1), np.radians(degrees) / 2
+    seen.arms.object_pose[:, 3:] = [np.cos(half), np.sin(half), 0, 0]
+    planner = PushEnvironment(TASK, 2)
+    planner.imagine(np.array([1]), seen.look().state)
+    assert np.degrees(np.arccos(planner._up()[1, 2])) == pytest.approx(imagined, abs=1e-3)
+    assert planner._sunk()[1] == pytest.approx(0, abs=1e-9), "its lowest corner is on the table"
+
+
 def test_a_box_on_a_tilted_table_is_imagined_flat_on_the_planners_own() -> None:
     seen = perturbed(1, table_tilt=[(0.15, -0.1)])
     about_z = np.array([[np.cos(0.2), 0, 0, np.sin(0.2)]])

@@ -297,12 +297,24 @@ def test_servos_that_would_shake_are_integrated_implicitly(integrator: str, tmp_
     light = MODEL.replace('armature="0.6" damping="1.5"', 'armature="0"').replace("RK4", integrator)
     robot = load_robot(described(tmp_path, TORQUE, light))
     explicit = integrator != "implicit"
-    assert robot.summary["integrator"] == ("implicitfast" if explicit else "implicit") and len(robot.notes) == explicit
+    assert robot.summary["integrator"] == ("implicitfast" if explicit else "implicit") and len(robot.notes) == explicit + 1
     env = env_on(robot)
     for action in np.random.default_rng(0).uniform(-1, 1, (20, 2, 7)):
         step = env.step(action)
         assert np.isfinite(step.observation).all() and not step.terminated.any()
     assert np.abs(env.arms.batch.bind("qvel")).max() < 2
+
+
+def test_a_joint_too_light_for_its_limited_servo_follows_all_the_same(tmp_path: Path) -> None:
+    light = MODEL.replace('armature="0.6" damping="1.5" frictionloss="0.2"', 'armature="0"')
+    robot = load_robot(described(tmp_path, TORQUE, light))
+    (note,) = [note for note in robot.notes if "motor inertia" in note]
+    assert "up to 0.078 kg·m²" in note and "hand_roll" in note and "shoulder" not in note, "of k_v h = 0.08"
+    env = env_on(robot)
+    angles = reply(env)
+    assert (np.diff(angles, axis=0) > 0).all(), "at its largest torque too"
+    assert np.abs(env.arms.joint_velocity[:, 6]).max() < 2
+    assert not any("motor inertia" in note for note in load_robot(ROBOTS / "torque.toml").notes)
 
 
 REFUSED = [
