@@ -71,7 +71,7 @@ def _labels(_: str, ndim: int) -> tuple[str, str]:
     return ",".join(f"axis{i}" for i in range(ndim)), ""
 
 
-def _check(header: Mapping[str, Any], _: Mapping[str, tuple[int, ...]]) -> None:
+def _check(header: Mapping[str, Any], *_: object) -> None:
     found = {name: header.get(name) for name in _HEADER}
     if found != _HEADER:
         raise StoreError(f"expected a checkpoint as {_HEADER}, got {found}", "start training anew")

@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -126,10 +127,7 @@ def encode(artifact: Artifact) -> memoryview:
     texts = {f"{RECORD}/{name}": text_array(canonical(value)) for name, value in values.items()}
     _check_texts({path: text.shape for path, text in texts.items()}, str(artifact.id))
 
-    def labels(path: str, ndim: int) -> tuple[str, str]:
-        return ("byte", "JSON") if path in texts else schema.labels(artifact.kind, path, ndim)
-
-    return pack(header, Contents(attributes, {**artifact.arrays, **texts}), labels)
+    return pack(header, Contents(attributes, {**artifact.arrays, **texts}), partial(_labels, artifact.kind))
 
 
 def read_header(path: Path | str, expected: ArtifactId) -> Header:
@@ -155,7 +153,7 @@ def read_artifact(path: Path, expected: ArtifactId, *, older: bool = False) -> A
         StoreError: it is damaged, refused, of another schema, or not the artifact that its path says.
     """
 
-    def check(fields: Mapping[str, Any], shapes: Mapping[str, schema.Shape]) -> None:
+    def check(fields: Mapping[str, Any], shapes: Mapping[str, schema.Shape], labels: Mapping[str, tuple[str, str]]) -> None:
         header = _header(fields, expected)
         schema.check_not_newer(header.kind, header.schema_version, str(expected))
         outdated = schema.is_older(header.kind, header.schema_version)
@@ -170,11 +168,22 @@ def read_artifact(path: Path, expected: ArtifactId, *, older: bool = False) -> A
         if not outdated:
             own = {name: shape for name, shape in shapes.items() if name not in _RECORDS}
             schema.check_arrays(header.kind, own, str(expected))
+            _check_labels(header.kind, shapes, labels)
 
     fields, contents = unpack(path, check)
     with reading(path):
         artifact = _artifact(_header(fields, expected), contents)
     return meaning.checked(artifact)
+
+
+def _labels(kind: str, path: str, ndim: int) -> tuple[str, str]:
+    return ("byte", "JSON") if path in _RECORDS else schema.labels(kind, path, ndim)
+
+
+def _check_labels(kind: str, shapes: Mapping[str, schema.Shape], labels: Mapping[str, tuple[str, str]]) -> None:
+    for path, shape in shapes.items():
+        if labels[path] != (wanted := _labels(kind, path, len(shape))):
+            raise ValueError(f"{path} is labelled {labels[path]}, expected {wanted}")
 
 
 def _check_texts(shapes: Mapping[str, schema.Shape], label: str) -> None:

@@ -26,8 +26,9 @@ from skillcli.store.text import parse
 Array = NDArray[Any]
 Labels = Callable[[str, int], tuple[str, str]]
 Shapes = Mapping[str, tuple[int, ...]]
-Check = Callable[[Mapping[str, Any], Shapes], None]
-Compare = Callable[[int, Mapping[str, tuple[str, str]], Shapes], None]
+Written = Mapping[str, tuple[str, str]]  # by path: dimension names and unit as they stand in the file
+Check = Callable[[Mapping[str, Any], Shapes, Written], None]
+Compare = Callable[[int, Written, Shapes], None]
 
 RECORD = "record"
 """Group of the JSON texts, kept as bytes because an attribute holds at most 64 kB."""
@@ -145,7 +146,7 @@ def unpack(path: Path, check: Check) -> tuple[dict[str, Any], Contents]:
 
     Args:
         path: the file.
-        check: sees the header and the shape of every array before any is read, and may raise a StoreError.
+        check: sees the header, and shape and labels of every array before any is read, and may raise a StoreError.
 
     Raises:
         StoreError: the file is missing, damaged or refused.
@@ -159,13 +160,13 @@ def unpack(path: Path, check: Check) -> tuple[dict[str, Any], Contents]:
         block.check_digest(file)
         block.check_spelling(file, header)
 
-        def compare(userblock: int, labels: Mapping[str, tuple[str, str]], shapes: Shapes) -> None:
+        def compare(userblock: int, labels: Written, shapes: Shapes) -> None:
             if userblock != size:
                 raise ValueError("its HDF5 part does not begin behind the header")
             for path, (dimensions, _) in labels.items():
                 if len([name for name in dimensions.split(",") if name]) != len(shapes[path]):
                     raise ValueError(f"{path} has the shape {shapes[path]}, and dimensions named {dimensions!r}")
-            check(header, shapes)
+            check(header, shapes, labels)
 
         return header, read(file, header["bytes"], compare)
 
