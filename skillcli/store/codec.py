@@ -235,6 +235,10 @@ def _check_time(text: str) -> None:
     datetime.fromisoformat(text)  # refuses a 30th of February
 
 
+def _fits(form: re.Pattern[str], value: str | int) -> bool:
+    return isinstance(value, str) and form.fullmatch(value) is not None
+
+
 def _parent(entry: Any) -> Parent:
     if not isinstance(entry, dict) or {name: type(value) for name, value in entry.items()} != {
         "id": str,
@@ -257,7 +261,7 @@ def _artifact(header: Header, contents: Contents) -> Artifact:
     different += sorted(_ATTRIBUTES ^ attributes.keys())
     if different:
         raise ValueError(f"its header and what lies inside disagree about {', '.join(different)}")
-    odd = [name for name, form in _ATTRIBUTE_FORMS.items() if not form.fullmatch(str(attributes[name]))]
+    odd = [name for name, form in _ATTRIBUTE_FORMS.items() if not _fits(form, attributes[name])]
     odd += [] if attributes["git_dirty"] in (0, 1) else ["git_dirty"]
     if odd:
         raise ValueError(f"its {', '.join(odd)} is not what the store writes")

@@ -118,24 +118,25 @@ def read_attributes(path: str, item: Any) -> dict[str, str | int]:
     count = h5py.h5a.get_num_attrs(item.id)
     if count > MAX_ATTRIBUTES:
         raise ValueError(f"{path} has {count} attributes, at most {MAX_ATTRIBUTES} are read")
-    values = {}
-    for index in range(count):
-        attribute = h5py.h5a.open(item.id, index=index)
-        name = attribute.name.decode("utf-8")
-        label = f"attribute {name!r} of {path}"
-        kind = attribute.get_type()
-        text = (
-            isinstance(kind, h5py.h5t.TypeStringID)
-            and not kind.is_variable_str()
-            and (kind.get_cset(), kind.get_strpad()) == _TEXT
-        )
-        if not text and not (isinstance(kind, h5py.h5t.TypeIntegerID) and kind == h5py.h5t.STD_I64LE):
-            raise ValueError(f"{label} is neither a signed integer of 64 bits nor a text of fixed length in UTF-8")
-        if attribute.get_space().get_simple_extent_type() != h5py.h5s.SCALAR or kind.get_size() > MAX_ATTRIBUTE_BYTES:
-            raise ValueError(f"{label} is not a single value, or a too long one")
-        value = item.attrs[name]
-        values[name] = value.decode("utf-8") if isinstance(value, bytes) else value if isinstance(value, str) else int(value)
-    return values
+    attributes = (h5py.h5a.open(item.id, index=index) for index in range(count))
+    return {each.name.decode("utf-8"): _attribute_value(path, item, each) for each in attributes}
+
+
+def _attribute_value(path: str, item: Any, attribute: Any) -> str | int:
+    name, kind = attribute.name.decode("utf-8"), attribute.get_type()
+    label = f"attribute {name!r} of {path}"
+    if attribute.get_space().get_simple_extent_type() != h5py.h5s.SCALAR or kind.get_size() > MAX_ATTRIBUTE_BYTES:
+        raise ValueError(f"{label} is not a single value, or a too long one")
+    if isinstance(kind, h5py.h5t.TypeIntegerID) and kind == h5py.h5t.STD_I64LE:
+        return int(item.attrs[name])
+    text = isinstance(kind, h5py.h5t.TypeStringID) and not kind.is_variable_str()
+    if not text or (kind.get_cset(), kind.get_strpad()) != _TEXT:
+        raise ValueError(f"{label} is neither a signed integer of 64 bits nor a text of fixed length in UTF-8")
+    value = item.attrs[name]
+    data = value if isinstance(value, bytes) else str(value).encode()
+    if kind.get_size() != max(1, len(data)):
+        raise ValueError(f"{label} is padded")
+    return data.decode("utf-8")
 
 
 def _declared(path: str, dataset: h5py.Dataset) -> int:
