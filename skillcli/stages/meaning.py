@@ -14,6 +14,7 @@ import numpy as np
 from skillcli.envs.tasks import Task, sizes, skill_goals
 from skillcli.errors import StoreError, UsageError
 from skillcli.learning.shapes import weight_shapes
+from skillcli.perturbation import PARAMETERS
 from skillcli.recipe import PointTask, PushTask, Recipe, resolve
 from skillcli.store import Artifact
 from skillcli.store.migrate import brought_up
@@ -107,6 +108,9 @@ def _problems(kind: str, recipe: Recipe, arrays: Arrays, results: dict[str, obje
         yield from _evaluation(recipe, arrays)
     if kind == "compose":
         yield from _plan(recipe, arrays, results)
+    unknown = {path.split("/")[2] for path in arrays if path.startswith("domains/")} - PARAMETERS.keys()
+    if unknown:
+        yield f"a domain varies {', '.join(sorted(unknown))}, which is no parameter"
 
 
 def _recording(recipe: Recipe, arrays: Arrays, kind: str) -> Iterator[str]:

@@ -159,6 +159,8 @@ def unpack(path: Path, check: Check) -> tuple[dict[str, Any], Contents]:
             raise ValueError(f"it has {header['bytes']} bytes, at most {quarantine.MAX_FILE_BYTES} are read from elsewhere")
         block.check_digest(file)
         block.check_spelling(file, header)
+        if _end_of_hdf5(file, size) != header["bytes"]:
+            raise ValueError("something lies behind its HDF5 part, or a part of that is missing")
 
         def compare(userblock: int, labels: Written, shapes: Shapes) -> None:
             if userblock != size:
@@ -169,6 +171,14 @@ def unpack(path: Path, check: Check) -> tuple[dict[str, Any], Contents]:
             check(header, shapes, labels)
 
         return header, read(file, header["bytes"], compare)
+
+
+def _end_of_hdf5(file: BinaryIO, start: int) -> int:
+    """Where the HDF5 part of a file says that it ends, bytes from the beginning of the file."""
+    file.seek(start)
+    superblock = file.read(64)
+    place = 28 if superblock[8:9] >= b"\2" else 40  # HDF5 file format specification, version 3, II.A
+    return int.from_bytes(superblock[place : place + 8], "little")
 
 
 def _read_here(file: BinaryIO, stored: int, compare: Compare) -> Contents:

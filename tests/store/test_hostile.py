@@ -356,7 +356,15 @@ def test_a_thousand_parents_are_refused(store: Store, artifact: ArtifactId) -> N
     longer = io.BytesIO(bytes(grown) + data.getvalue()[size:])
     block.seal(longer, {**header, "bytes": len(longer.getvalue())}, grown)
     path.write_bytes(longer.getvalue())
-    assert "1000 parents, at most 256" in refused(store, artifact)
+    assert "1000 parents, at most 256" in store.listing().unreadable[0].problem
+    refused(store, artifact)
+
+
+def test_nothing_may_lie_behind_the_hdf5_part(store: Store, artifact: ArtifactId) -> None:
+    path = store.path(artifact)
+    path.write_bytes(path.read_bytes() + b"more")
+    reseal(path)
+    assert "something lies behind its HDF5 part" in refused(store, artifact)
 
 
 def test_a_false_content_hash_is_found_by_verify(store: Store, artifact: ArtifactId) -> None:

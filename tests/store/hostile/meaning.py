@@ -245,7 +245,8 @@ EVERYTHING: dict[str, dict[str, tuple[Edit, ...]]] = {
     },
 }  # fmt: skip
 UNHEARD = {  # nothing that anybody uses, or that a real run cannot give: to be refused or harmless
-    "mean_is_huge", "log_std_is_huge", "normalizer_variance_is_zero", "embedding_weights_differ", "weights_of_twice_the_size", "weight_of_half_size",
+    "bounds_swapped", "distance_below_zero", "search_resolution_of_zero", "mean_is_huge", "log_std_is_huge",
+    "normalizer_variance_is_zero", "embedding_weights_differ", "weights_of_twice_the_size", "weight_of_half_size",
     "horizon_of_a_million", "goals_far_away", "names_of_100_kB", "names_of_markup", "names_of_skills_twice", "control_period_of_a_year",
     "latents_by_the_billion", "episodes_by_the_billion", "domains_of_files", "search_without_end", "another_task", "a_robot_file",
     "compose_of_an_unknown_task", "position_is_huge", "time_is_huge", "success_is_a_number", "no_episodes", "curve_is_nan",
