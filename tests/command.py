@@ -31,6 +31,21 @@ TINY_PUSH_SET = tuple(word for setting in TINY_PUSH for word in ("--set", settin
 PLACES = (((0.0, 0.0),), ((0.01, 0.0), (0.0, 0.02), (0.2, 0.0)), ((0.1, 0.1),))
 
 
+# As the installed command, but that it says when the training runs.
+TELLING = """
+import sys
+from skillcli.learning.learner import Learner
+iterate = Learner.iterate
+def told(self):
+    print("iterating", file=sys.stderr, flush=True)
+    return iterate(self)
+Learner.iterate = told
+from skillcli.cli.main import main
+sys.argv[0] = "skill"
+main()
+"""
+
+
 class Result(NamedTuple):
     code: int
     out: str

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command import TINY_SET, files, made, skill
+from command import TELLING, TINY_SET, files, made, skill
 from pytest import MonkeyPatch
 
 from skillcli.cli import trouble, typed
@@ -159,20 +159,6 @@ def test_the_end_of_a_served_recording_is_no_failure(chain: Path, tmp_path: Path
 
 # --- signals ----------------------------------------------------------------------------------------------------------
 
-# As the installed command, but that it says when the training runs.
-TOLD = """
-import sys
-from skillcli.learning.learner import Learner
-iterate = Learner.iterate
-def told(self):
-    print("iterating", file=sys.stderr, flush=True)
-    return iterate(self)
-Learner.iterate = told
-from skillcli.cli.main import main
-sys.argv[0] = "skill"
-main()
-"""
-
 
 def started(store: Path, program: str, **options: Any) -> subprocess.Popen[str]:
     words = ["--store", str(store), "--json", "pretrain", "point", "--set", "training.iterations=100000"]
@@ -181,7 +167,7 @@ def started(store: Path, program: str, **options: Any) -> subprocess.Popen[str]:
 
 @pytest.mark.parametrize("sent", [[signal.SIGTERM], [signal.SIGHUP, signal.SIGHUP, signal.SIGTERM]])
 def test_a_scheduler_or_a_lost_terminal_stops_it_as_ctrl_c_does(tmp_path: Path, sent: list[signal.Signals]) -> None:
-    process = started(tmp_path, TOLD)
+    process = started(tmp_path, TELLING)
     assert process.stderr is not None and process.stderr.readline() == "iterating\n"
     for each in sent:
         process.send_signal(each)

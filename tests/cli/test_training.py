@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command import TINY_SET, files, made, skill
+from command import TELLING, TINY_SET, files, made, skill
 
 from skillcli.learning.learner import Learner
 from skillcli.store import load_checkpoint, save_checkpoint
@@ -151,24 +151,9 @@ def test_a_training_that_comes_apart_says_so_and_leaves_nothing(tmp_path: Path) 
     assert files(tmp_path) == set()
 
 
-# As the installed command, but that it says when the training runs.
-PROGRAM = """
-import sys
-from skillcli.cli.app import main
-from skillcli.learning.learner import Learner
-iterate = Learner.iterate
-def told(self):
-    print("iterating", file=sys.stderr, flush=True)
-    return iterate(self)
-Learner.iterate = told
-sys.argv[0] = "skill"
-main()
-"""
-
-
 def test_a_real_ctrl_c_stops_a_real_process_and_keeps_its_state(tmp_path: Path) -> None:
     words = ["--store", tmp_path, "--json", "pretrain", "point", "--set", "training.iterations=100000"]
-    command = [sys.executable, "-c", PROGRAM, *map(str, words)]
+    command = [sys.executable, "-c", TELLING, *map(str, words)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         assert process.stderr is not None
