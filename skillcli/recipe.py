@@ -17,12 +17,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
+from skillcli.composition.settings import Ddpg, Interpolate, Mpc, Ppo, Sequence
+from skillcli.config.base import Section, value
+from skillcli.config.explain import complaint, shown
+from skillcli.config.randomization import RANGE_KEYS, Ranges
+from skillcli.config.toml_file import parse_toml, read_toml
 from skillcli.errors import UsageError
-from skillcli.explain import complaint, shown
-from skillcli.methods import Ddpg, Interpolate, Mpc, Ppo, Sequence
-from skillcli.perturbation import RANGE_KEYS, Ranges
-from skillcli.section import Section, value
-from skillcli.toml_file import parse_toml, read_toml
 
 Vector3 = tuple[float, float, float]
 Joints = tuple[float, float, float, float, float, float, float]

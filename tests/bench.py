@@ -18,11 +18,11 @@ from mujoco.batch import Batch
 from rich.console import Console
 from rich.table import Table
 
-from skillcli.envs.reach import ReachEnvironment
-from skillcli.envs.tasks import make
 from skillcli.learning.learner import Learner
 from skillcli.recipe import load_recipe
 from skillcli.stages.pretrain import peak_memory_mb
+from skillcli.tasks.reach.environment import ReachEnvironment
+from skillcli.tasks.registry import make
 
 RAW_STEPS = 24  # control steps of the bare engine after each iteration
 STARTS = 7  # of each program

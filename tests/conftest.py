@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from command import PLACES, TINY_PUSH, TINY_PUSH_SET, TINY_SET, made, skill
 
-from skillcli.envs.tasks import goal_place
 from skillcli.recipe import load_recipe
 from skillcli.stages.compose import Request, compose
 from skillcli.store import ArtifactId, Store
+from skillcli.tasks.registry import goal_place
 
 
 @pytest.fixture(scope="session", autouse=True)

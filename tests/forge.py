@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from skillcli.store import Artifact, ArtifactId, Store, codec, content_hash
-from skillcli.store.text import sha256
+from skillcli.store.canonical_json import sha256
 
 
 def forge(store: Store, artifact: Artifact, **changes: Any) -> ArtifactId:

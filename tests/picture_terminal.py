@@ -12,10 +12,11 @@ from tempfile import TemporaryDirectory
 
 from rich.console import Console
 
-from skillcli.cli import tables, watching
+from skillcli.cli import progress_view as watching
+from skillcli.cli import tables
+from skillcli.progress import Progress
 from skillcli.recipe import load_recipe
 from skillcli.stages.pretrain import pretrain
-from skillcli.stages.progress import Progress
 from skillcli.store import Store
 
 WIDTH = 84

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from skillcli.perturbation import Range
+from skillcli.config.randomization import Range
 
 
 def uniform(low: float, high: float) -> Range:

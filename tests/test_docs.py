@@ -14,16 +14,16 @@ import pytest
 import typer
 from composition.plane import ORIGIN, Plane
 
-import skillcli.envs.tasks
 import skillcli.recipe
+import skillcli.tasks.registry
 from skillcli.cli.app import app
 from skillcli.composition.plan import Choices, schedule
 from skillcli.composition.planner import run
 from skillcli.composition.route import Route
-from skillcli.envs.robot import load_robot
-from skillcli.envs.tasks import DESCRIPTIONS
 from skillcli.errors import UsageError
 from skillcli.recipe import Recipe, load_recipe, resolve
+from skillcli.robots.robot import load_robot
+from skillcli.tasks.registry import DESCRIPTIONS
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -128,7 +128,7 @@ def names_in(path: Path) -> set[str]:
 
 
 def test_every_module_and_name_of_the_code_is_there(page: Path) -> None:
-    new = ("skillcli/envs/planar.py", "skillcli/composition/greedy.py")  # the examples of the two pages that add something
+    new = ("skillcli/tasks/planar.py", "skillcli/composition/greedy.py")  # the examples of the two pages that add something
     for span in spans(page):
         found = re.fullmatch(r"((?:[\w-]+/)*\w+\.py)(?:: (\w+))?", span)
         if not found or span in new:
@@ -179,7 +179,7 @@ def planar(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     exec(block_with("add-a-task.md", "class PlanarEnvironment"), space)
     text = (DOCS / "add-a-task.md").read_text(encoding="utf-8")
     lines = dict(re.findall(r"^\| `(_arm_environment|_spec_of|goal_place)` \| `(.*)` \|$", text, flags=re.MULTILINE))
-    tasks = inspect.getsource(skillcli.envs.tasks)
+    tasks = inspect.getsource(skillcli.tasks.registry)
     for name, line in lines.items():
         tasks = re.sub(rf"(def {name}\(.*?\) -> [^\n]*:\n)", rf"\1    {line}\n", tasks, count=1, flags=re.DOTALL)
         assert line in tasks, name

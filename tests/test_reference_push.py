@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from study_contact import penetration, replay
 
-from skillcli.envs.push import push_spec
 from skillcli.recipe import PushTask, resolve
 from skillcli.store import Store
+from skillcli.tasks.push.environment import push_spec
 from skillcli.trajectories import Array
+from studies.contact import penetration, replay
 
 STORE = Store(Path(__file__).parent.parent / "artifacts")
 STORED = [

@@ -13,11 +13,14 @@ from typing import Annotated, NoReturn
 import typer
 
 from skillcli import __version__
-from skillcli.cli import inspect, keep, learn, report, shelf, trouble, typed
+from skillcli.cli import inspect, report, trouble, typed
+from skillcli.cli import stages as learn
+from skillcli.cli import store_admin as keep
+from skillcli.cli import store_view as shelf
 from skillcli.cli.session import Session
 from skillcli.errors import SkillError
 from skillcli.plaintext import line
-from skillcli.stages.stopping import ECHO_SECONDS, answered
+from skillcli.stopping import ECHO_SECONDS, answered
 
 app = typer.Typer(
     name="skill",

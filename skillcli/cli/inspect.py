@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from skillcli.cli import complete
-from skillcli.cli.learn import MADE_FROM
 from skillcli.cli.session import Session
+from skillcli.cli.stages import MADE_FROM
 from skillcli.errors import SkillError, UsageError
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rich.console import Group
     from rich.table import Table
 
-    from skillcli.envs.domains import Domain
+    from skillcli.simulation.domains import Domain
 
 recipes_app = typer.Typer(help="Recipes: list them, or show one resolved.", invoke_without_command=True)
 
@@ -118,7 +118,7 @@ def tasks(context: typer.Context) -> None:
     """List the tasks and their named compositions."""
     from rich.table import Table
 
-    from skillcli.envs.tasks import CHAINS, COMPOSITIONS, DESCRIPTIONS, INTERPOLATED_SETS
+    from skillcli.tasks.registry import CHAINS, COMPOSITIONS, DESCRIPTIONS, INTERPOLATED_SETS
 
     session: Session = context.obj
     table = Table("task", "what it is", "compositions", "interpolations")
@@ -139,7 +139,7 @@ def domains(
     ] = None,
 ) -> None:
     """List the target domains, or show what one of them changes, with units and meaning."""
-    from skillcli.envs.domains import PRESETS, find_domain
+    from skillcli.simulation.domains import PRESETS, find_domain
 
     session: Session = context.obj
     if which is None:
@@ -151,7 +151,7 @@ def domains(
 
 
 def _told(domain: Domain) -> dict[str, Any]:
-    from skillcli.perturbation import PARAMETERS
+    from skillcli.config.randomization import PARAMETERS
 
     return {
         "name": domain.name,
@@ -167,7 +167,7 @@ def _domain_list(found: list[Domain]) -> Table:
     from rich.table import Table
     from rich.text import Text
 
-    from skillcli.perturbation import PARAMETERS
+    from skillcli.config.randomization import PARAMETERS
 
     table = Table("domain", "what it is", "changes")
     for domain in found:
@@ -182,7 +182,7 @@ def _domain_sheet(domain: Domain) -> Group:
     from rich.table import Table
     from rich.text import Text
 
-    from skillcli.perturbation import PARAMETERS
+    from skillcli.config.randomization import PARAMETERS
 
     table = Table("parameter", "range", "unit", "meaning")
     for name, values in domain.parameters.items():
@@ -248,8 +248,8 @@ def _physics() -> Check:
     """Step the Sawyer once with one and with two threads."""
     import numpy as np
 
-    from skillcli.envs.reach import ReachEnvironment
     from skillcli.recipe import ReachTask
+    from skillcli.tasks.reach.environment import ReachEnvironment
 
     rows: list[Any] = []
     for threads in (1, 2):

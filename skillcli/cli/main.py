@@ -8,7 +8,7 @@ import sys
 from types import FrameType
 
 from skillcli.cli import streams
-from skillcli.stages.stopping import heeded
+from skillcli.stopping import heeded
 
 NARROWEST = 20  # characters, below which a terminal's size is not to be believed
 

@@ -17,7 +17,7 @@ from skillcli.plaintext import line
 if TYPE_CHECKING:  # imported where needed: `skill --help` must be instant
     from rich.console import Console, RenderableType
 
-    from skillcli.stages.progress import Report
+    from skillcli.progress import Report
     from skillcli.store import ArtifactId, Store
 
 
@@ -99,7 +99,7 @@ class Session:
         if self.quiet:
             yield lambda _: None
             return
-        from skillcli.cli import watching
+        from skillcli.cli import progress_view as watching
 
         console = self.err
         if console.is_terminal and not console.is_dumb_terminal and not self.json:

@@ -15,7 +15,7 @@ from skillcli.composition.latent_environment import Outcome
 from skillcli.composition.plan import Segment
 from skillcli.composition.planner import Proposal
 from skillcli.composition.route import Route
-from skillcli.methods import Episodes as Settings
+from skillcli.composition.settings import Episodes as Settings
 from skillcli.trajectories import Array
 
 FAILED = 5.0  # metres to go that a failure counts as

@@ -12,7 +12,7 @@ from skillcli.composition.latent_environment import Outcome
 from skillcli.composition.plan import Segment
 from skillcli.composition.planner import Proposal
 from skillcli.composition.route import Route, Walk, cautious
-from skillcli.methods import Mpc
+from skillcli.composition.settings import Mpc
 from skillcli.trajectories import Array
 
 MIN_SPREAD = 0.05  # of the box's half edges: the search never narrows to a point

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from skillcli.pushing import place_behind, share
+from skillcli.tasks.push.geometry import place_behind, share
 from skillcli.trajectories import Array
 
 CAUTION = 0.5  # standard deviations over the robots that count on top of their mean

@@ -8,17 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from skillcli.learning.networks import (
-    CLIP,
-    Embedding,
-    Inference,
-    Normalizer,
-    Policy,
-    Value,
-    affine,
-    arranged,
-    spread,
-)
+from skillcli.learning.networks import CLIP, Embedding, Inference, Normalizer, Policy, Value, affine, arranged, spread
 from skillcli.recipe import Recipe
 from skillcli.seeding import torch_generator
 from skillcli.trajectories import Array

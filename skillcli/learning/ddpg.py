@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from skillcli.composition.settings import Ddpg
 from skillcli.learning.composer import Head, LatentBox, Normalizer, Trace, arrays_of, check_finite, descend, tensor
-from skillcli.methods import Ddpg
 from skillcli.seeding import generator, torch_generator
 from skillcli.trajectories import Array
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from skillcli import perturbation
+from skillcli.config import randomization as perturbation
 from skillcli.errors import SkillError
 from skillcli.learning import te_ppo
 from skillcli.learning.agent import Agent

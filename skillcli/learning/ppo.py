@@ -8,11 +8,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from skillcli.composition.settings import Ppo
 from skillcli.learning import gaussian
 from skillcli.learning.composer import Head, LatentBox, Normalizer, Trace, arrays_of, check_finite, descend, tensor
 from skillcli.learning.gae import advantages
 from skillcli.learning.te_ppo import adapted_learning_rate, approximate_kl, surrogate_loss
-from skillcli.methods import Ppo
 from skillcli.seeding import generator, torch_generator
 from skillcli.trajectories import Array
 

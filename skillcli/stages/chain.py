@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from skillcli.envs.domains import find_domains
+from skillcli.progress import Report, silent
 from skillcli.recipe import Recipe
+from skillcli.simulation.domains import find_domains
 from skillcli.stages import compose as composing
 from skillcli.stages import embed_means as embedding
 from skillcli.stages import pretrain as training
 from skillcli.stages import transfer_eval as transferring
-from skillcli.stages.progress import Report, silent
 from skillcli.stages.reuse import finished, of_compose, of_embed_means, of_pretrain, of_transfer_eval
 from skillcli.store import Artifact, Store
 

@@ -10,18 +10,18 @@ import numpy as np
 from skillcli import metrics
 from skillcli.composition.interpolation import Calibration, all_pairs
 from skillcli.composition.plan import Segment, schedule
-from skillcli.envs.tasks import model_fingerprint
 from skillcli.errors import UsageError
-from skillcli.learning.playback import play_waypoints
+from skillcli.evaluation.library import Library, check_untouched, fingerprint, open_library
+from skillcli.evaluation.limits import breaks
+from skillcli.evaluation.planning import METHODS, Leg, Planned
+from skillcli.evaluation.request import Request
+from skillcli.evaluation.rollouts import play_waypoints
+from skillcli.evaluation.sampled_robots import Robots
+from skillcli.progress import Progress, Report, silent
 from skillcli.recipe import Recipe
-from skillcli.stages.library import Library, check_untouched, fingerprint, open_library
-from skillcli.stages.limits import breaks
-from skillcli.stages.planning import METHODS, Leg, Planned
 from skillcli.stages.pretrain import play_held
-from skillcli.stages.progress import Progress, Report, silent
-from skillcli.stages.request import Request
-from skillcli.stages.robots import Robots
 from skillcli.store import Artifact, ArtifactId, Draft, Parent, Store
+from skillcli.tasks.registry import model_fingerprint
 from skillcli.trajectories import Array, Trajectories
 
 __all__ = ["METHODS", "Request", "compose", "execute", "inputs_of"]

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from skillcli import metrics
-from skillcli.envs.tasks import model_fingerprint
-from skillcli.stages.library import fingerprint, open_library
+from skillcli.evaluation.library import fingerprint, open_library
 from skillcli.stages.pretrain import play_held
 from skillcli.store import Artifact, ArtifactId, Draft, Parent, Store
+from skillcli.tasks.registry import model_fingerprint
 from skillcli.trajectories import Array, Trajectories
 
 

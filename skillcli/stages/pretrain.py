@@ -13,20 +13,20 @@ from typing import Any
 import numpy as np
 
 from skillcli import metrics
-from skillcli.envs.tasks import MAX_SIMULATIONS, check_goal, check_start, make, model_fingerprint, skill_goals, stand
-from skillcli.envs.throughput import BareEngine
+from skillcli.config.randomization import sample
 from skillcli.errors import Interrupted, StoreError
+from skillcli.evaluation.library import TRAINED, fingerprint, skill_names
+from skillcli.evaluation.rollouts import play
 from skillcli.learning.agent import Agent
 from skillcli.learning.learner import Learner
-from skillcli.learning.playback import play
 from skillcli.learning.saved import is_seconds, shown
-from skillcli.perturbation import sample
+from skillcli.progress import Progress, Report, silent
 from skillcli.recipe import Recipe
 from skillcli.seeding import generator
-from skillcli.stages.library import TRAINED, fingerprint, skill_names
-from skillcli.stages.progress import Progress, Report, silent
-from skillcli.stages.stopping import StopRequest, stoppable
+from skillcli.simulation.throughput import BareEngine
+from skillcli.stopping import StopRequest, stoppable
 from skillcli.store import Artifact, Draft, Store, load_checkpoint, remove_checkpoint, save_checkpoint
+from skillcli.tasks.registry import MAX_SIMULATIONS, check_goal, check_start, make, model_fingerprint, skill_goals, stand
 from skillcli.trajectories import Array, Trajectories
 
 CHECKPOINT_SECONDS = 30.0

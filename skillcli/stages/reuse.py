@@ -9,14 +9,14 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from skillcli.envs.domains import find_domains
-from skillcli.envs.tasks import model_fingerprint
 from skillcli.errors import SkillError
+from skillcli.evaluation.consistency import check_meaning, stored_recipe
+from skillcli.evaluation.request import Request
+from skillcli.evaluation.trial import Target
+from skillcli.simulation.domains import find_domains
 from skillcli.stages import compose, embed_means, pretrain, transfer_eval
-from skillcli.stages.meaning import check_meaning, stored_recipe
-from skillcli.stages.request import Request
-from skillcli.stages.trial import Target
 from skillcli.store import Artifact, Store, content_hash
+from skillcli.tasks.registry import model_fingerprint
 from skillcli.trajectories import Array
 
 Inputs = Callable[[Artifact], str]

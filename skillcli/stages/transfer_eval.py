@@ -9,20 +9,20 @@ from typing import Any
 import numpy as np
 
 from skillcli import metrics
-from skillcli.envs.domains import find_domains
-from skillcli.envs.robot import Robot
-from skillcli.envs.tasks import model_fingerprint
 from skillcli.errors import UsageError
+from skillcli.evaluation.library import Library, check_untouched, fingerprint, open_library
+from skillcli.evaluation.planning import Leg
+from skillcli.evaluation.replanning import REPLANS, Replanner
+from skillcli.evaluation.sampled_robots import Robots
+from skillcli.evaluation.script import Script
+from skillcli.evaluation.transfer_report import domain_report, most_harmful_first, one_at_a_time, source_report
+from skillcli.evaluation.trial import NOMINAL, Target, Trial
+from skillcli.progress import Progress, Report, silent
 from skillcli.recipe import Recipe
-from skillcli.stages.library import Library, check_untouched, fingerprint, open_library
-from skillcli.stages.planning import Leg
-from skillcli.stages.progress import Progress, Report, silent
-from skillcli.stages.replanning import REPLANS, Replanner
-from skillcli.stages.robots import Robots
-from skillcli.stages.script import Script
-from skillcli.stages.transfer_report import domain_report, most_harmful_first, one_at_a_time, source_report
-from skillcli.stages.trial import NOMINAL, Target, Trial
+from skillcli.robots.robot import Robot
+from skillcli.simulation.domains import find_domains
 from skillcli.store import Artifact, ArtifactId, Draft, Parent, Store
+from skillcli.tasks.registry import model_fingerprint
 from skillcli.trajectories import Trajectories
 
 DRAWN = "each episode by itself, what repeats once"  # how robots are drawn: what was drawn otherwise is not used again

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from skillcli.envs.tasks import model_of
-from skillcli.stages.library import Library, kin, open_library
+from skillcli.evaluation.library import Library, kin, open_library
 from skillcli.store import Artifact, ArtifactId, Store
+from skillcli.tasks.registry import model_of
 from skillcli.trajectories import Array, Trajectories
 from skillcli.viz.files import replacing
 from skillcli.viz.scene import Scene

@@ -5,7 +5,7 @@ from __future__ import annotations
 from skillcli.store.archive import Imported, export, import_file
 from skillcli.store.artifact import Artifact, Draft, Header, Parent, Unreadable, content_hash
 from skillcli.store.checkpoint import load_checkpoint, remove_checkpoint, save_checkpoint
-from skillcli.store.collect import Garbage, collect_garbage, find_garbage
+from skillcli.store.gc import Garbage, collect_garbage, find_garbage
 from skillcli.store.ids import STAGES, ArtifactId
 from skillcli.store.listing import Listing
 from skillcli.store.lock import Owner, unlock

@@ -21,11 +21,11 @@ from skillcli.store import atomic, codec
 from skillcli.store.artifact import Artifact, Parent, content_hash
 from skillcli.store.atomic import storage_errors
 from skillcli.store.block import MAGIC
+from skillcli.store.canonical_json import canonical, parse
 from skillcli.store.container import open_regular, peek, reading
 from skillcli.store.ids import ArtifactId
 from skillcli.store.quarantine import MAX_FILE_BYTES
 from skillcli.store.store import Store
-from skillcli.store.text import canonical, parse
 
 MANIFEST = "manifest.json"
 FORMAT = {"format": "skill-export", "version": 1}

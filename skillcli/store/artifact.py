@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skillcli.plaintext import code, markdown
+from skillcli.store.canonical_json import canonical
 from skillcli.store.ids import ArtifactId
-from skillcli.store.text import canonical
 
 Array = NDArray[Any]
 

@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping
 from typing import Any, BinaryIO
 
-from skillcli.store.text import canonical, parse
+from skillcli.store.canonical_json import canonical, parse
 
 MAGIC = b"skill-store "
 """How every file of a store begins."""

@@ -8,9 +8,9 @@ from typing import Any
 
 from skillcli.errors import StoreError
 from skillcli.store.atomic import make_folder, storage_errors, sync_folder, write_atomically
+from skillcli.store.canonical_json import canonical, parse
 from skillcli.store.container import RECORD, Array, Contents, checked_arrays, pack, reading, text_array, unpack
 from skillcli.store.provenance import package_versions
-from skillcli.store.text import canonical, parse
 
 _HEADER = {"kind": "checkpoint", "schema_version": 1}
 _STATE = f"{RECORD}/state"

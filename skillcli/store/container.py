@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from skillcli.errors import StoreError
 from skillcli.store import block, known, quarantine
-from skillcli.store.guard import DTYPES, MAX_BYTES, PATH, plausible_total
+from skillcli.store.canonical_json import parse
 from skillcli.store.hdf5_reader import FAULTS, first_line, list_contents, read_array
-from skillcli.store.text import parse
+from skillcli.store.hdf5_safety import DTYPES, MAX_BYTES, PATH, plausible_total
 
 Array = NDArray[Any]
 Labels = Callable[[str, int], tuple[str, str]]

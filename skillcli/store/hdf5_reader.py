@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from skillcli.store.guard import inspect, read_attributes
+from skillcli.store.hdf5_safety import inspect, read_attributes
 
 # Whatever h5py, zlib and json raise at a file made to confuse them.
 FAULTS = (

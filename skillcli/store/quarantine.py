@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skillcli.errors import StoreError
-from skillcli.store.guard import DTYPES, MAX_OBJECTS, PATH
+from skillcli.store.hdf5_safety import DTYPES, MAX_OBJECTS, PATH
 
 Array = NDArray[Any]
 

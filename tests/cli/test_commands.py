@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 from command import TINY_SET, Result, files, made, skill
 
-from skillcli.envs.domains import PRESETS
-from skillcli.envs.tasks import DESCRIPTIONS
 from skillcli.recipe import recipe_names
+from skillcli.simulation.domains import PRESETS
 from skillcli.store import STAGES
+from skillcli.tasks.registry import DESCRIPTIONS
 
 
 @pytest.fixture
@@ -237,7 +237,7 @@ def test_the_point_has_no_robot_to_replace(tmp_path: Path, replan: tuple[str, ..
 
 
 def test_a_plan_that_breaks_a_limit_is_told_with_what_to_do(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("skillcli.envs.sawyer.VELOCITY_LIMIT", 0.01)
+    monkeypatch.setattr("skillcli.robots.sawyer.VELOCITY_LIMIT", 0.01)
     told = skill("--store", copy, "compose", "tiny/embed-means", "--method", "sequence", "--plan", "1:0.2")
     assert told.code == 0 and "no success" in told.out and "breaks joint_speed in route 1 for" in told.out
     said = " ".join(told.err.split())

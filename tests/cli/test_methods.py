@@ -11,7 +11,7 @@ import pytest
 from command import files, made, skill
 
 from skillcli.cli.methods import ABOUT, OPTIONS, SPECIAL
-from skillcli.stages.planning import METHODS
+from skillcli.evaluation.planning import METHODS
 
 GOAL = ("--goal", "0.6,0.1,0.25")
 SHORT = tuple(

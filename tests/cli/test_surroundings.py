@@ -18,9 +18,9 @@ import pytest
 from command import TELLING, TINY_SET, files, made, skill
 from pytest import MonkeyPatch
 
+from skillcli import stopping
 from skillcli.cli import trouble, typed
 from skillcli.cli.main import set_aside
-from skillcli.stages import stopping
 from skillcli.viz import canvas
 
 GOLDEN = Path(__file__).parent.parent / "store" / "golden"

@@ -8,7 +8,7 @@ from plane import ORIGIN, Plane
 from skillcli.composition.episodes import FAILED, Episodes
 from skillcli.composition.planner import run
 from skillcli.composition.route import Route
-from skillcli.methods import Episodes as Settings
+from skillcli.composition.settings import Episodes as Settings
 from skillcli.trajectories import Array
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from skillcli.composition.latent_environment import LatentEnvironment
-from skillcli.envs.tasks import make
 from skillcli.recipe import PushTask, ReachTask
+from skillcli.tasks.registry import make
 from skillcli.trajectories import SAFETY_LIMITS, Array
 
 

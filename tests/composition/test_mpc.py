@@ -10,7 +10,7 @@ from skillcli.composition.mpc import ModelPredictiveControl
 from skillcli.composition.plan import schedule
 from skillcli.composition.planner import run
 from skillcli.composition.route import Route
-from skillcli.methods import Mpc
+from skillcli.composition.settings import Mpc
 
 BOX = np.array([[-1.0, -1.0], [1.0, 1.0]])
 MEANS = np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]])

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import torch
 
+from skillcli.composition.settings import Ddpg, Ppo
 from skillcli.errors import SkillError
 from skillcli.learning.composer import LatentBox, check_finite
 from skillcli.learning.ddpg import DdpgComposer, Replay
 from skillcli.learning.ppo import PpoComposer
-from skillcli.methods import Ddpg, Ppo
 from skillcli.trajectories import Array
 
 BOX = np.array([[-1.0, 0.0], [3.0, 2.0]])

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 import torch
 
-from skillcli.envs.environment import Step
-from skillcli.envs.point import PointEnvironment
-from skillcli.envs.tasks import make
 from skillcli.learning import te_ppo
 from skillcli.learning.agent import windows
 from skillcli.learning.learner import Learner
 from skillcli.learning.rollout import StartPool, collect, start_episodes
 from skillcli.learning.saved import curve_names
 from skillcli.recipe import PointTask, Recipe, load_recipe, resolve
+from skillcli.simulation.environment import Step
+from skillcli.tasks.point.environment import PointEnvironment
+from skillcli.tasks.registry import make
 from skillcli.trajectories import Array
 
 Tamper = Callable[[dict[str, Array], dict[str, Any]], Any]

@@ -11,19 +11,19 @@ import pytest
 
 from skillcli import metrics
 from skillcli.composition.plan import Segment
-from skillcli.envs.domains import find_domain
-from skillcli.envs.tasks import skill_goals
 from skillcli.errors import UsageError
+from skillcli.evaluation.library import open_library
+from skillcli.evaluation.sampled_robots import Robots
+from skillcli.evaluation.script import Script
+from skillcli.evaluation.trial import NOMINAL, Target, Trial
 from skillcli.learning.agent import Agent
 from skillcli.recipe import resolve
+from skillcli.simulation.domains import find_domain
 from skillcli.stages.compose import Request, compose, execute
-from skillcli.stages.library import open_library
 from skillcli.stages.pretrain import evaluate
-from skillcli.stages.robots import Robots
-from skillcli.stages.script import Script
 from skillcli.stages.transfer_eval import transfer_eval
-from skillcli.stages.trial import NOMINAL, Target, Trial
 from skillcli.store import STAGES, Artifact, ArtifactId, Store
+from skillcli.tasks.registry import skill_goals
 from skillcli.trajectories import Trajectories
 
 
@@ -227,7 +227,7 @@ def test_more_episodes_than_simulations_side_by_side_give_the_same_as_all_at_onc
     library = open_library(Store(chain), source)
     script = Script.of(source, library).in_turn(10)
     whole = Trial(library, 0).run(script, NOMINAL)
-    monkeypatch.setattr("skillcli.stages.trial.MAX_SIMULATIONS", 3)
+    monkeypatch.setattr("skillcli.evaluation.trial.MAX_SIMULATIONS", 3)
     parts = Trial(library, 0).run(script, NOMINAL)
     assert parts.gripper_position == pytest.approx(whole.gripper_position, abs=1e-4)
     assert parts.episodes == 10

@@ -16,11 +16,12 @@ from command import made, skill
 
 from skillcli.errors import SkillError, UnknownArtifact
 from skillcli.recipe import load_recipe, recipe_names, resolve
-from skillcli.stages.report import as_toml, comparison, pictures, report
-from skillcli.stages.report.selection import Exhibit, select
+from skillcli.stages.report import as_toml, report
 from skillcli.store import ArtifactId, Draft, Store
 from skillcli.viz import canvas
+from skillcli.viz.report import comparison, pictures
 from skillcli.viz.report.content import Number, Row
+from skillcli.viz.report.selection import Exhibit, select
 
 REFERENCE = Path(__file__).parents[2] / "artifacts"
 

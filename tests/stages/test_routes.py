@@ -11,18 +11,18 @@ from command import PLACES, made, skill
 
 from skillcli import metrics
 from skillcli.composition.plan import Segment
-from skillcli.envs.domains import find_domain
-from skillcli.envs.tasks import named_routes
 from skillcli.errors import UsageError
+from skillcli.evaluation.library import open_library
+from skillcli.evaluation.sampled_robots import Robots
+from skillcli.evaluation.script import Script
+from skillcli.evaluation.trial import Target, Trial
 from skillcli.recipe import PushTask, load_recipe
+from skillcli.simulation.domains import find_domain
 from skillcli.stages.compose import Request, execute, inputs_of
-from skillcli.stages.library import open_library
 from skillcli.stages.pretrain import evaluate
-from skillcli.stages.robots import Robots
-from skillcli.stages.script import Script
-from skillcli.stages.trial import Target, Trial
 from skillcli.stages.visualise import draw, record, scene_of
 from skillcli.store import STAGES, Artifact, ArtifactId, Store
+from skillcli.tasks.registry import named_routes
 from skillcli.trajectories import Array, Trajectories
 from skillcli.viz import motion
 

@@ -17,7 +17,7 @@ from hostile.good import NAME
 from hostile.layout import Bytes, lookup3
 
 from skillcli.errors import StoreError
-from skillcli.stages.meaning import check_meaning
+from skillcli.evaluation.consistency import check_meaning
 from skillcli.store import KINDS, ArtifactId, Store, import_file
 
 SOME = """

@@ -19,7 +19,7 @@ import pytest
 
 from skillcli.errors import StoreError
 from skillcli.store import ArtifactId, Draft, Store, block, codec, collect_garbage, export, find_garbage, import_file
-from skillcli.store.collect import GRACE_SECONDS
+from skillcli.store.gc import GRACE_SECONDS
 from skillcli.store.lock import locked
 
 Make = Callable[..., Draft]

@@ -19,7 +19,7 @@ from hostile.mutation import FORMATS, base, mutated
 
 from skillcli.errors import StoreError
 from skillcli.store.container import unpack
-from skillcli.store.guard import DTYPES, plausible_total
+from skillcli.store.hdf5_safety import DTYPES, plausible_total
 
 EXAMPLES = int(os.environ.get("SKILL_FUZZ", "25"))
 BOUNDED = EXAMPLES > 25

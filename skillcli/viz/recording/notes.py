@@ -7,8 +7,8 @@ import textwrap
 import numpy as np
 import rerun as rr
 
+from skillcli.config.randomization import PARAMETERS
 from skillcli.metrics import final_distance
-from skillcli.perturbation import PARAMETERS
 from skillcli.plaintext import markdown
 from skillcli.trajectories import Array
 from skillcli.viz import motion

@@ -34,9 +34,9 @@ def place(root: Path, seed: int = 0) -> Path:
 @lru_cache(maxsize=4)
 def training(seed: int) -> tuple[dict[str, Any], State]:
     """Arrays and state of a training after two of four iterations."""
-    from skillcli.envs.tasks import make
     from skillcli.learning.learner import Learner
     from skillcli.recipe import load_recipe
+    from skillcli.tasks.registry import make
 
     recipe = load_recipe("point", KEYS)
     learner = Learner(make(recipe.task, recipe.training.simulations, 1), recipe, seed)

@@ -1,0 +1,317 @@
+"""Commands that make artifacts: pretrain, embed-means, compose, transfer-eval, run and demo."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from skillcli.cli import complete, typed
+from skillcli.cli import progress_view as watching
+from skillcli.cli.methods import ABOUT, MORE, ON_TARGET, ByMethod, option, settings
+from skillcli.cli.session import Session
+from skillcli.errors import Interrupted, UsageError
+
+if TYPE_CHECKING:
+    from skillcli.store import Artifact
+
+Set = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="Replace one value of the recipe, such as training.iterations=20.", metavar="KEY=VALUE"),
+]
+Name = Annotated[str | None, typer.Option("--name", help="First part of the new id.", metavar="NAME")]
+Seed = Annotated[int, typer.Option("--seed", help="Seed of everything random.", min=0, max=2**63 - 1)]
+MADE_FROM = "Id, NAME/STAGE or a unique beginning; without one, the newest that fits."
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the app."""
+    panel = "Stages"
+    app.command(rich_help_panel=panel)(pretrain)
+    app.command("embed-means", rich_help_panel=panel)(embed_means)
+    app.command(rich_help_panel=panel, cls=ByMethod)(compose)
+    app.command("transfer-eval", rich_help_panel=panel)(transfer_eval)
+    app.command("run", rich_help_panel="Whole chain")(run)
+    app.command(rich_help_panel="Whole chain")(demo)
+
+
+def payload(artifact: Artifact) -> dict[str, Any]:
+    """What a stage reports under --json: id and everything it found out."""
+    return {
+        "id": str(artifact.id),
+        "recipe": artifact.recipe_name,
+        "seed": artifact.seed,
+        **artifact.results,
+        **artifact.measured,
+    }
+
+
+def pretrain(
+    context: typer.Context,
+    recipe: Annotated[str, typer.Argument(help="Recipe by name, or a .toml file.")] = "reach",
+    seed: Seed = 0,
+    name: Name = None,
+    overrides: Set = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on where the same training was interrupted.")] = False,
+    threads: Annotated[
+        int, typer.Option("--threads", help="Of the physics, 0 for all cores; results do not depend on it.", min=0, max=1024)
+    ] = 0,
+    tensorboard: Annotated[
+        Path | None, typer.Option("--tensorboard", help="Also write the learning curves there for TensorBoard.", metavar="DIR")
+    ] = None,
+) -> None:
+    """Train policy and skill embedding together in simulation (stage 1)."""
+    from skillcli.recipe import load_recipe
+    from skillcli.stages.pretrain import inputs_of
+    from skillcli.stages.pretrain import pretrain as stage
+
+    session: Session = context.obj
+    resolved = load_recipe(recipe, overrides or ())
+    folder = checked(name) or resolved.name
+    if resume and not session.store.checkpoint_path(folder, "pretrain", inputs_of(resolved, seed)).exists():
+        session.say("nothing was interrupted with this recipe, seed and name: starting anew")
+    with ExitStack() as opened:
+        report = opened.enter_context(session.progress())
+        if tensorboard:
+            report = opened.enter_context(watching.tensorboard(tensorboard, report))
+        artifact = stage(session.store, resolved, seed, folder, session.command, resume, threads, report)
+    _done(session, artifact, f"skill embed-means {artifact.id}")
+
+
+def embed_means(
+    context: typer.Context,
+    source: Annotated[str | None, typer.Argument(metavar="[ID]", help=MADE_FROM, autocompletion=complete.ids)] = None,
+    name: Name = None,
+) -> None:
+    """Take the mean latent of each skill, measure how well they are separated, and play each one."""
+    session: Session = context.obj
+    found = session.pick(source, "pretrain")
+    from skillcli.stages.embed_means import embed_means as stage
+
+    with _whole("embed-means"):
+        artifact = stage(session.store, found, session.command, checked(name))
+    _done(session, artifact, f"skill compose {artifact.id} --method search")
+
+
+def compose(
+    context: typer.Context,
+    source: Annotated[str | None, typer.Argument(metavar="[ID]", help=MADE_FROM, autocompletion=complete.ids)] = None,
+    method: Annotated[str, typer.Option("--method", help=f"How: {', '.join(ABOUT)}.", metavar="NAME")] = "search",
+    task: Annotated[str, typer.Option("--task", help="A named composition, see `skill tasks`.", metavar="NAME")] = "",
+    goal: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--goal", help="Where to go, m (push: displacement of the box); several are met in order.", metavar="X,Y[,Z]"
+        ),
+    ] = None,
+    name: Name = None,
+    overrides: Set = None,
+    heuristic: Annotated[str | None, option("What is thought to be left: none, distance, approach.", metavar="NAME")] = None,
+    weight: Annotated[
+        float | None, option("Of the heuristic: 0 uniform cost, 1 A*, 1000 greedy best-first.", metavar="W")
+    ] = None,
+    skills: Annotated[str | None, option("Skills to go through, such as 3,4,8,7.", metavar="A,B,…")] = None,
+    hold: Annotated[float | None, option("How long each skill is held, 1 s by default.", metavar="SECONDS")] = None,
+    blend: Annotated[float | None, option("How long each blend takes, 1 s by default.", metavar="SECONDS")] = None,
+    plan: Annotated[str | None, option("Such as 3,4,8,7 or 3:1.0,3~4:1.0,3~4@0.25:0.5, or a file.", metavar="PLAN")] = None,
+    seconds: Annotated[float | None, option("Of an entry without a duration, 1 s by default.", metavar="SECONDS")] = None,
+    seed: Annotated[int, option("Seed of everything random, 0 by default.", min=0, max=2**63 - 1)] = 0,
+    iterations: Annotated[int | None, option("Rounds of episodes at most.", metavar="N")] = None,
+    latents: Annotated[str | None, option("What may be chosen: continuous, means, interpolated.", metavar="NAME")] = None,
+    lookahead: Annotated[int | None, option("Segments that are looked ahead.", metavar="N")] = None,
+    ensemble: Annotated[
+        int | None, option("Robots that every latent is tried on at once; a plan has to hold on all.", min=0, metavar="N")
+    ] = None,
+    on: Annotated[str, option("Plan on one robot drawn from this domain, see `skill domains`.", metavar="DOMAIN")] = "",
+) -> None:
+    """Compose frozen skills in the latent space into a task never trained (stage 2)."""
+    session: Session = context.obj
+    goals = [_numbers(text) for text in goal or ()]
+    given = {
+        "heuristic": heuristic, "weight": weight, "skills": skills, "hold": hold, "blend": blend, "plan": plan,
+        "seconds": seconds, "seed": seed, "iterations": iterations, "latents": latents, "lookahead": lookahead,
+        "ensemble": ensemble, "on": on,
+    }  # fmt: skip
+    chosen = settings(method, given)
+    if on and ensemble:
+        raise UsageError("--on plans on one target, --ensemble on several robots", "leave one of them out")
+    found = session.pick(source, "embed-means", "pretrain")
+    from skillcli.cli.tables import where
+    from skillcli.evaluation.consistency import stored_recipe
+    from skillcli.stages.compose import Request
+    from skillcli.stages.compose import compose as stage
+
+    recipe = stored_recipe(
+        session.store.read(found), [*(ON_TARGET if on and method == "search" else ()), *(overrides or ()), *chosen]
+    )
+    request = Request.of(recipe, task, goals, method)
+    with _whole("compose"), session.progress() as report:
+        artifact = stage(session.store, found, recipe, request, method, session.command, checked(name), report, seed, on)
+    if not artifact.results["waypoints_met"]:
+        session.say(f"the plan does not meet every waypoint: {MORE[method]}", "yellow")
+    for broken in artifact.results["broken"]:
+        session.say(f"the plan breaks a safety limit, so it is no success: {where(broken)}", "yellow")
+    if artifact.results["broken"]:
+        session.say(f"`skill viz {artifact.id} --open` shows it; plan without that skill, or with another --method or --goal")
+    _done(session, artifact, f"skill transfer-eval {artifact.id}")
+
+
+def transfer_eval(
+    context: typer.Context,
+    source: Annotated[str | None, typer.Argument(metavar="[ID]", help=MADE_FROM, autocompletion=complete.ids)] = None,
+    domain: Annotated[
+        list[str] | None, typer.Option("--domain", help="Target domain, see `skill domains`, or a file.", metavar="NAME|FILE")
+    ] = None,
+    episodes: Annotated[int | None, typer.Option("--episodes", help="Per domain.", min=1, max=10_000)] = None,
+    replan: Annotated[
+        bool, typer.Option("--replan", help="Look at the target after every segment, plan again from there and go on.")
+    ] = False,
+    robot: Annotated[
+        Path | None, typer.Option("--robot", help="Another robot to run on: a robot file (docs/robots.md).", metavar="FILE")
+    ] = None,
+    sensitivity: Annotated[
+        bool, typer.Option("--sensitivity", help="Also run every domain with each of its parameters alone.")
+    ] = False,
+    seed: Seed = 0,
+    name: Name = None,
+    overrides: Set = None,
+) -> None:
+    """Run a composition, or bare skills, on robots that differ from the simulation (stage 3)."""
+    session: Session = context.obj
+    found = session.pick(source, "compose", *(("embed-means", "pretrain") if source else ()))
+    from skillcli.evaluation.consistency import stored_recipe
+    from skillcli.stages.transfer_eval import transfer_eval as stage
+
+    given = [*(overrides or ()), *(["transfer.replan=true"] if replan else [])]
+    recipe = stored_recipe(session.store.read(found), given)
+    domains = list(dict.fromkeys(domain or recipe.transfer.domains))
+    other = None
+    if robot is not None:
+        from skillcli.robots.robot import load_robot
+
+        other = load_robot(robot)
+        for note in other.notes:
+            session.say(f"{robot}: {note}")
+    with _whole("transfer-eval"), session.progress() as report:
+        artifact = stage(
+            session.store,
+            found,
+            recipe,
+            domains,
+            episodes or recipe.transfer.episodes,
+            seed,
+            session.command,
+            checked(name),
+            report,
+            other,
+            sensitivity,
+        )
+    _done(session, artifact, f"skill viz {artifact.id} --open   # the worst domain first, and in it the worst episode")
+
+
+def run(
+    context: typer.Context,
+    recipe: Annotated[str, typer.Argument(help="Recipe by name, or a .toml file.")],
+    seed: Seed = 0,
+    name: Name = None,
+    overrides: Set = None,
+) -> None:
+    """Run a recipe from training to transfer; finished stages with unchanged inputs are used again."""
+    _chain(context.obj, recipe, seed, name, overrides)
+
+
+def demo(
+    context: typer.Context,
+    seed: Seed = 0,
+) -> None:
+    """The main job on the Sawyer, from nothing to a recording, a figure and a table."""
+    from skillcli.recipe import load_recipe
+
+    session: Session = context.obj
+    recipe = load_recipe("reach")
+    began, training = time.monotonic(), recipe.training
+    steps = training.iterations * training.simulations * recipe.task.horizon
+    session.say(
+        f"to come: {steps:,} control steps of training, a plan, transfer to other robots, figures; all in {session.root}/demo"
+    )
+    _chain(session, "reach", seed, "demo", None)
+    session.say(f"the whole took {time.monotonic() - began:.0f} s")
+
+
+def _chain(session: Session, recipe: str, seed: int, name: str | None, overrides: list[str] | None) -> None:
+    from skillcli.cli.tables import SHOWN
+    from skillcli.recipe import load_recipe
+    from skillcli.stages.chain import run_chain
+    from skillcli.stages.visualise import draw, record
+
+    resolved = load_recipe(recipe, overrides or ())
+    folder = checked(name) or resolved.name
+    reports: dict[str, Any] = {}
+    with session.progress() as report:
+        for link in run_chain(session.store, resolved, seed, folder, session.command, report):
+            if link.reused:
+                session.say(f"{link.artifact.id}: nothing changed, used again")
+            reports[link.artifact.kind] = {**payload(link.artifact), "reused": link.reused}
+            if not session.json:
+                session.result({}, SHOWN[link.artifact.kind](link.artifact))
+    store, pictures = session.store, []
+    for kind, found in reports.items():
+        path = session.root / folder / f"{kind}.png"
+        draw(store, store.resolve(found["id"]), path)
+        pictures.append(str(path))
+    recording = session.root / folder / "compose.rrd"
+    record(store, store.resolve(reports["compose"]["id"]), recording)
+    session.result(
+        {**reports, "png": pictures, "rrd": str(recording)},
+        f"figures: {', '.join(pictures)}",
+        typed.runnable(f"recording: {recording} (open it with `skill viz {reports['compose']['id']} --open`)"),
+    )
+
+
+def checked(name: str | None) -> str | None:
+    """The first part of a new id, as given.
+
+    Raises:
+        UsageError: it cannot be one.
+    """
+    from skillcli.errors import StoreError
+    from skillcli.store import ArtifactId
+
+    if name is not None:
+        try:
+            ArtifactId(name, "pretrain", 1)
+        except StoreError as error:
+            raise UsageError(f"--name {name!r} cannot be part of an id", error.hint) from None
+    return name
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        hint = "for example --goal 0.6,0.0,0.2 for reach, --goal 0.1,-0.1 for push"
+        raise UsageError(f"--goal {text!r}: expected numbers in metres", hint) from None
+
+
+@contextmanager
+def _whole(stage: str) -> Iterator[None]:
+    """Say of a stage that is stopped that there is nothing of it."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        hint = "what it was made from is in the store; the same command starts anew"
+        raise Interrupted(f"interrupted: nothing of this {stage} was kept", hint) from None
+
+
+def _done(session: Session, artifact: Artifact, then: str) -> None:
+    """Report a finished stage, and what may be done next."""
+    from rich.text import Text
+
+    from skillcli.cli.tables import SHOWN
+
+    proposed = Text(typed.runnable(f"next: {then}"), "dim")
+    session.result(payload(artifact), SHOWN[artifact.kind](artifact), proposed)

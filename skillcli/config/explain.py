@@ -1,0 +1,190 @@
+"""What is wrong with a recipe, a domain or a robot file, in our words: what was expected, and what was got."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+
+from skillcli.config.base import Section
+
+_LONGEST = 60  # characters of a value that are shown
+_COUNTED = {1: "one", 2: "two", 3: "three", 4: "four", 7: "seven"}
+# What pydantic calls a fault, and what was expected.
+_EXPECTED = {
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_parsing_size": "a whole number of at most 4300 digits",
+    "int_from_float": "a whole number",
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "finite_number": "a finite number",
+    "bool_type": "true or false",
+    "bool_parsing": "true or false",
+    "string_type": "text in quotes",
+    "string_too_short": "some text",
+    "tuple_type": "a list",
+    "dict_type": "a table of keys",
+    "model_type": "a table of keys",
+    "model_attributes_type": "a table of keys",
+    "greater_than": "more than {gt}",
+    "greater_than_equal": "at least {ge}",
+    "less_than": "less than {lt}",
+    "less_than_equal": "at most {le}",
+    "literal_error": "{expected}",
+    "union_tag_invalid": "one of {expected_tags}",
+    "string_too_long": "at most {max_length} characters",
+}
+
+
+@dataclass(frozen=True)
+class Complaint:
+    """The first thing that is wrong with a configuration.
+
+    Attributes:
+        keys: from the outermost to the one it is about; empty where it is about the whole.
+        entry: of a list, or of a list within a list, as ", entry 2"; empty where it is about none.
+        said: what was expected and what was got, or what rule does not hold.
+        kind: whether a key is unknown, or missing, or has a value that cannot be meant.
+        known: keys that there are where an unknown one stands.
+    """
+
+    keys: tuple[str, ...]
+    said: str
+    kind: Literal["unknown", "missing", "value"] = "value"
+    known: tuple[str, ...] = ()
+    entry: str = ""
+
+    @property
+    def key(self) -> str:
+        """The keys as they stand in --set."""
+        return ".".join(self.keys)
+
+
+def complaint(error: ValidationError, root: type[BaseModel]) -> Complaint:
+    """The first complaint of a validation of `root`."""
+    first = error.errors(include_url=False)[0]
+    kind, context, where = first["type"], first.get("ctx", {}), _walk(root, first["loc"])
+    if kind == "look_alike":  # found in the section, before its values are looked at
+        return Complaint((*where.keys, context["key"]), f"{first['msg']}, got {shown(context['got'])}")
+    if kind == "extra_forbidden":
+        return Complaint(where.keys, "unknown", "unknown", where.siblings)
+    if kind == "union_tag_not_found":
+        return Complaint((*where.keys, context["discriminator"].strip("'")), "missing", "missing")
+    if kind == "union_tag_invalid":
+        return Complaint((*where.keys, context["discriminator"].strip("'")), _said(first, None, context["tag"]))
+    if kind == "missing" and not where.entries:
+        return Complaint(where.keys, "missing", "missing")
+    if kind == "missing":  # an entry that is not there: the list is too short
+        return Complaint(where.keys, _said(first, where.holder, first["input"]), entry=_entries(where.entries[:-1]))
+    return Complaint(where.keys, _said(first, where.annotation, first.get("input")), entry=_entries(where.entries))
+
+
+def shown(given: Any) -> str:
+    """A value as it stands in a TOML file, or what it is where it is long."""
+    if isinstance(given, bool):
+        return str(given).lower()
+    if isinstance(given, Mapping):
+        return "a table of keys"
+    if isinstance(given, list | tuple):
+        return "a list"
+    text = repr(given) if isinstance(given, str | int | float) else str(given)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+
+
+@dataclass(frozen=True)
+class _Where:
+    keys: tuple[str, ...]
+    entries: tuple[int, ...]  # of lists within lists, counted from 1
+    annotation: Any  # what was expected there
+    holder: Any  # what was expected around it
+    siblings: tuple[str, ...]
+
+
+def _walk(root: type[BaseModel], location: Sequence[str | int]) -> _Where:
+    """Where a complaint is in what a person wrote: without the names of alternatives, and the inside of ranges."""
+    keys: list[str] = []
+    entries: list[int] = []
+    annotation: Any = root
+    holder: Any = root
+    siblings: tuple[str, ...] = ()
+    for part in location:
+        if isinstance(part, int):
+            entries.append(part + 1)
+            holder, annotation = annotation, _entry(annotation, part)
+            continue
+        if option := _alternative(annotation, part):
+            annotation = option
+            continue
+        model = _model(annotation)
+        if keys and model is not None and not issubclass(model, Section):
+            return _Where(tuple(keys), (), None, None, ())  # a range is one value, however it is written
+        fields = model.model_fields if model else {}
+        siblings = tuple(fields)
+        holder, annotation = annotation, fields[part].annotation if part in fields else _entry(annotation, 1)
+        keys.append(part)
+    return _Where(tuple(keys), tuple(entries), annotation, holder, siblings)
+
+
+def _plain(annotation: Any) -> Any:
+    """Without what is laid around a type: bounds, and that it may be left out."""
+    while hasattr(annotation, "__metadata__"):
+        annotation = annotation.__origin__
+    if get_origin(annotation) in (Union, types.UnionType):
+        options = [option for option in get_args(annotation) if option is not type(None)]
+        return _plain(options[0]) if len(options) == 1 else annotation
+    return annotation
+
+
+def _alternative(annotation: Any, name: str) -> type[BaseModel] | None:
+    """Of several sections, the one that is called so."""
+    plain = _plain(annotation)
+    options = get_args(plain) if get_origin(plain) in (Union, types.UnionType) else ()
+    named = (option for option in options if hasattr(option, "model_fields"))
+    return next((option for option in named if option.model_fields["name"].default == name), None)
+
+
+def _model(annotation: Any) -> type[BaseModel] | None:
+    plain = _plain(annotation)
+    return plain if isinstance(plain, type) and issubclass(plain, BaseModel) else None
+
+
+def _entry(annotation: Any, index: int) -> Any:
+    """What an entry of a list, or a value of a table, is expected to be."""
+    options = [option for option in get_args(_plain(annotation)) if option is not Ellipsis]
+    return options[min(index, len(options) - 1)] if options else None
+
+
+def _entries(entries: Sequence[int]) -> str:
+    return f", entry {' of entry '.join(map(str, reversed(entries)))}" if entries else ""
+
+
+def _said(first: Any, annotation: Any, given: Any) -> str:
+    """What was expected, and what was got."""
+    kind, context = first["type"], first.get("ctx", {})
+    if kind == "value_error":
+        said = str(context["error"])
+        return said if isinstance(given, Mapping | list | tuple) or ", got " in said else f"{said}, got {shown(given)}"
+    if kind in ("missing", "too_long", "too_short"):
+        return f"expected {_list_of(annotation, context)}, got {_number(given, context)}"
+    bounds = {name: f"{bound:g}" if isinstance(bound, float) else bound for name, bound in context.items()}
+    expected = _EXPECTED[kind].format(**bounds) if kind in _EXPECTED else "something else"
+    return f"expected {expected}, got {shown(given)}"
+
+
+def _number(given: Any, context: Mapping[str, Any]) -> str:
+    count = context.get("actual_length", len(given) if isinstance(given, list | tuple) else 0)
+    return str(count or "none")
+
+
+def _list_of(annotation: Any, context: Mapping[str, Any]) -> str:
+    """How many of what a list should hold."""
+    options = [option for option in get_args(_plain(annotation)) if option is not Ellipsis]
+    fixed = Ellipsis not in get_args(_plain(annotation)) and len(options)
+    count = fixed or context.get("min_length") or context.get("max_length") or 1
+    what = "number" if options and _plain(options[0]) in (int, float) else "entry"
+    plural = {"number": "numbers", "entry": "entries"}[what] if count != 1 else what
+    return f"{'' if fixed else 'at least '}{_COUNTED.get(count, count)} {plural}"

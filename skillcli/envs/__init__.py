@@ -1,1 +1,0 @@
-"""Vectorised environments: many simulations side by side, one call for all."""

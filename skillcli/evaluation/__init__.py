@@ -1,0 +1,1 @@
+"""Frozen skills and plans played and judged: rollouts, planning, replanning, transfer."""

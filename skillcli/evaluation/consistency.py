@@ -1,0 +1,211 @@
+"""Whether an artifact is what its own recipe says: names and sizes of weights, goals, latents, clock, plan.
+
+Only what is stored is looked at and only shapes are computed: a recipe that asks for networks of gigabytes costs nothing.
+What needs no recipe is checked by the store whenever it reads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import islice
+
+import numpy as np
+
+from skillcli.config.randomization import PARAMETERS
+from skillcli.errors import StoreError, UsageError
+from skillcli.learning.shapes import weight_shapes
+from skillcli.recipe import PointTask, PushTask, Recipe, resolve
+from skillcli.store import Artifact
+from skillcli.store.migrate import brought_up
+from skillcli.store.schema import check_parents
+from skillcli.tasks.registry import Task, sizes, skill_goals
+from skillcli.trajectories import Array
+
+TRAINED = (
+    "task",
+    "embedding",
+    "network",
+    "training",
+    "randomisation",
+    "evaluation",
+)  # recipe sections that a training depends on
+
+COMPOSERS = ("search", "interpolate", "sequence", "ddpg", "ppo", "mpc")
+"""Names of the ways to compose; those who plan are slow to import."""
+
+_CLOSE = 1e-5  # between a number of 32 bits and the same computed anew
+_SHOWN = 3
+
+
+def skill_names(recipe: Recipe) -> tuple[str, ...]:
+    """Names of the recipe's skills: counted from one, as the paper does, where the recipe names none."""
+    return recipe.task.names or tuple(str(k + 1) for k in range(len(recipe.task.goals)))
+
+
+def stored_recipe(artifact: Artifact, overrides: Iterable[str] = ()) -> Recipe:
+    """The recipe of an artifact, with `a.b=value` in place of what it says.
+
+    Raises:
+        StoreError: it is none that this skill understands.
+        UsageError: what is put in its place is not.
+    """
+    whole = _understood(artifact, artifact.recipe.keys())
+    return resolve(artifact.recipe, overrides) if overrides else whole
+
+
+def check_meaning(artifact: Artifact) -> None:
+    """Refuse an artifact that is not what its recipe says, or was made from what no artifact of its kind is made from.
+
+    Only the sections that its skills were trained on are read: plans and transfers of an earlier skill, whose recipes may
+    say more of how they were made, stay what they are.
+
+    Raises:
+        StoreError: it is not.
+    """
+    check_parents(artifact.kind, [parent.id.stage for parent in artifact.parents], str(artifact.id))
+    recipe = _understood(artifact, ("name", *TRAINED))
+    arrays, results = brought_up(artifact)
+    problems = list(islice(_problems(artifact.kind, recipe, arrays, results), _SHOWN))
+    if problems:
+        raise StoreError(
+            f"{artifact.id} is not what its recipe says: {'; '.join(problems)}", "it was not made by skill: make it anew"
+        )
+
+
+def check_same_skills(artifact: Artifact, source: Artifact) -> None:
+    """Refuse an artifact that was made with other skills than those that it names as its own.
+
+    Raises:
+        StoreError: it was.
+    """
+    own, theirs = (_understood(one, ("name", *TRAINED)).fingerprint(TRAINED) for one in (artifact, source))
+    if own != theirs:
+        raise StoreError(
+            f"{artifact.id} was made with other skills than those of {source.id}", "it was not made by skill: make it anew"
+        )
+
+
+def _understood(artifact: Artifact, sections: Iterable[str]) -> Recipe:
+    wanted = set(sections)
+    try:
+        return resolve({key: item for key, item in artifact.recipe.items() if key in wanted})
+    except UsageError as error:
+        raise StoreError(
+            f"the recipe stored in {artifact.id} is not one that this skill understands: {error.message}",
+            "it was made by another version of skill, or not by skill: make it anew",
+        ) from error
+
+
+Arrays = dict[str, Array]
+
+
+def _problems(kind: str, recipe: Recipe, arrays: Arrays, results: dict[str, object]) -> Iterator[str]:
+    yield from _recording(recipe, arrays, kind)
+    if kind in ("pretrain", "embed-means"):
+        yield from _skills(recipe, arrays, results)
+    if kind == "pretrain":
+        yield from _weights(recipe, arrays)
+        yield from _evaluation(recipe, arrays)
+    if kind == "compose":
+        yield from _plan(recipe, arrays, results)
+    unknown = {path.split("/")[2] for path in arrays if path.startswith("domains/")} - PARAMETERS.keys()
+    if unknown:
+        yield f"a domain varies {', '.join(sorted(unknown))}, which is no parameter"
+
+
+def _recording(recipe: Recipe, arrays: Arrays, kind: str) -> Iterator[str]:
+    """Latents, skills, actions, clock and positions, which every kind has."""
+    task, skill = recipe.task, arrays["trajectories/skill"]
+    _, action, _ = sizes(task)
+    steps = skill.shape[1]
+    wanted = {
+        "latent": (*skill.shape, recipe.embedding.size),
+        "action": (*skill.shape, action),
+        **({"joint_position": (len(skill), steps + 1, 7)} if not isinstance(task, PointTask) else {}),
+    }
+    for field, shape in wanted.items():
+        found = arrays.get(f"trajectories/{field}")
+        if found is None or found.shape != shape:
+            yield f"trajectories/{field} has {'nothing' if found is None else f'shape {found.shape}'}, expected {shape}"
+    if skill.max() >= len(task.goals):
+        yield f"trajectories/skill names skill {skill.max()}, there are {len(task.goals)}"
+    if not np.allclose(np.diff(arrays["trajectories/time"]), task.control_period, rtol=1e-6):
+        yield f"trajectories/time does not go on by {task.control_period} s"
+    if {path.removeprefix("trajectories/") for path in arrays} & _PLACES != _places(task):
+        yield f"its positions are not those of the {task.name} task"
+    if kind in ("pretrain", "embed-means") and steps != task.horizon:
+        yield f"its episodes have {steps} control steps, its recipe {task.horizon}"
+
+
+_PLACES = {"position", "gripper_position", "object_pose", "joint_position"}
+
+
+def _places(task: Task) -> set[str]:
+    if isinstance(task, PointTask):
+        return {"position"}
+    return {"joint_position", "gripper_position"} | ({"object_pose"} if isinstance(task, PushTask) else set())
+
+
+def _skills(recipe: Recipe, arrays: Arrays, results: dict[str, object]) -> Iterator[str]:
+    goals, shape = skill_goals(recipe.task), (len(recipe.task.goals), recipe.embedding.size)
+    if arrays["embedding/mean"].shape != shape:
+        yield f"embedding/mean has shape {arrays['embedding/mean'].shape}, expected {shape}"
+    elif not np.allclose(arrays["skills/goal"], goals, atol=1e-9):
+        yield "skills/goal holds other goals"
+    listed = results["skills"]
+    assert isinstance(listed, list)  # the store sees to it
+    if tuple(skill["name"] for skill in listed) != skill_names(recipe):
+        yield "results.skills names other skills"
+
+
+def _weights(recipe: Recipe, arrays: Arrays) -> Iterator[str]:
+    """Every weight, by name, type and shape; and what the embedding's weights mean."""
+    observation, action, _ = sizes(recipe.task)
+    found = {path.removeprefix("weights/"): array for path, array in arrays.items() if path.startswith("weights/")}
+    extra = found.get("privileged_normalizer.mean")
+    privileged = 0 if extra is None or extra.ndim != 1 else len(extra)  # has been another one
+    wanted = weight_shapes(recipe, observation, action, privileged)
+    for name in sorted(wanted.keys() ^ found.keys()):
+        yield f"weights/{name} is {'missing' if name in wanted else 'none of its networks'}"
+    different = [name for name in wanted if name in found and found[name].shape != wanted[name]]
+    for name in different:
+        yield f"weights/{name} has shape {found[name].shape}, expected {wanted[name]}"
+    for name, array in found.items():
+        if array.dtype != np.float32:
+            yield f"weights/{name} holds {array.dtype}, expected float32"
+        elif name.endswith((".variance", ".count")) and (array < 0).any():
+            yield f"weights/{name} is negative"
+    if not different and wanted.keys() <= found.keys():
+        yield from _embedding(recipe, arrays)
+
+
+def _embedding(recipe: Recipe, arrays: Arrays) -> Iterator[str]:
+    low, high = recipe.embedding.min_std, recipe.embedding.max_std
+    mean = np.tanh(arrays["weights/embedding.raw_mean"])
+    with np.errstate(over="ignore"):
+        std = low + (high - low) / (1.0 + np.exp(-arrays["weights/embedding.raw_std"].astype(float)))
+    for path, meant in (("embedding/mean", mean), ("embedding/std", std)):
+        if arrays[path].shape == meant.shape and not np.allclose(arrays[path], meant, atol=_CLOSE):
+            yield f"{path} is not what its weights say"
+
+
+def _evaluation(recipe: Recipe, arrays: Arrays) -> Iterator[str]:
+    samples, skills = 1 + recipe.evaluation.latents, len(recipe.task.goals)
+    shape, kept = (skills, samples), skills * min(samples, 1 + recipe.evaluation.stored)
+    if arrays["evaluation/final_distance"].shape != shape:
+        yield f"evaluation/final_distance has shape {arrays['evaluation/final_distance'].shape}, expected {shape}"
+    if len(arrays["trajectories/length"]) != kept:
+        yield f"it keeps {len(arrays['trajectories/length'])} episodes, expected {kept}"
+
+
+def _plan(recipe: Recipe, arrays: Arrays, results: dict[str, object]) -> Iterator[str]:
+    skills = len(recipe.task.goals)
+    if results["method"] not in COMPOSERS:
+        yield f"results.method must be one of {', '.join(COMPOSERS)}"
+    if arrays["plan/latent"].shape[1:] != (recipe.embedding.size,) or arrays["plan/skill"].max() >= skills:
+        yield f"plan/latent and plan/skill are not those of {skills} skills in {recipe.embedding.size} dimensions"
+    if "calibration/pair" in arrays and arrays["calibration/pair"].max(initial=0) >= skills:
+        yield f"calibration/pair names a skill that is none of {skills}"
+    steps = np.round(np.bincount(arrays["plan/route"], weights=arrays["plan/seconds"]) / recipe.task.control_period)
+    if steps.max() != arrays["trajectories/skill"].shape[1]:
+        yield f"its plan lasts {steps.max():.0f} control steps, its recording {arrays['trajectories/skill'].shape[1]}"

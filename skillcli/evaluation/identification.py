@@ -1,0 +1,80 @@
+"""How a target obeys, told from how it moved: how late, and how far its joints come to rest from where they are sent.
+
+Both are told from segments that are over. The same increments are sent, from the same sighting, to robots of several
+latenesses; what they leave unexplained, joint by joint, says which is the likeliest. An arm that does not carry its own
+weight, or whose servo is stuck, rests beside its targets: that is seen as what remains when a lag has died away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from skillcli.evaluation.sampled_robots import Robots
+from skillcli.recipe import PointTask
+from skillcli.recipe import Task as TaskRecipe
+from skillcli.simulation.arm_environment import ArmEnvironment
+from skillcli.trajectories import Array
+
+LATENESS = np.array([0.0, 0.025, 0.05, 0.075, 0.1, 0.15])  # s, told apart
+SETTLING = 0.1  # s, in which a servo comes to rest to 1/e: damping over stiffness
+DOUBT = 0.3  # settled control steps that must be seen for what they tell first to count half
+KEPT = 0.7  # of what is known, from one segment to the next: the arm has moved on
+SILENCE = 0.002**2  # rad², per control step: what no joint is expected to do better
+
+
+class Identification:
+    """What is known of one target, the source's until something was seen.
+
+    Args:
+        task: of the recipe; a point obeys at once, and nothing is to be told.
+    """
+
+    def __init__(self, task: TaskRecipe) -> None:
+        self._period = task.control_period
+        self._robots: ArmEnvironment | None = None
+        if not isinstance(task, PointTask):
+            robots = Robots({"latency": LATENESS}, len(LATENESS)).simulations(task, 1)
+            assert isinstance(robots, ArmEnvironment)
+            self._robots, self._limit = robots, task.action_limit
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget what was known: another target stands there."""
+        self.lateness = 0.0  # s
+        self.sag = np.zeros(7)  # rad
+        self._unexplained = np.zeros((len(LATENESS), 7))  # rad², summed over the steps
+        self._steps, self._weight = 0, DOUBT
+
+    def learn(self, state: Array, applied: Sequence[Array], measured: Sequence[Array]) -> None:
+        """Take account of a segment that is over.
+
+        Args:
+            state: (1, v) sighting before the first step.
+            applied: increments (7,) rad of each step.
+            measured: joint angles (7,) rad behind each step.
+        """
+        if self._robots is None or not applied:
+            return
+        settled = 1 - np.exp(-self._period * np.arange(1, len(applied) + 1) / SETTLING)[:, None]
+        weight = float(np.square(settled).sum())
+        off = np.array(measured) - self._replay(state, applied, np.tile(self.sag, (len(LATENESS), 1)))
+        further = (settled * off).sum(axis=1) / weight  # (R, 7) least squares of what grows as a servo settles
+        most = self._robots.arms.largest_sag
+        off = np.array(measured) - self._replay(state, applied, np.clip(self.sag + further, -most, most))
+        self._unexplained += np.square(off).sum(axis=1)
+        self._steps += len(applied)
+        # each joint with a noise of its own, else one that no lateness explains, a stuck one say, would decide
+        likeliest = int(np.log(self._unexplained + SILENCE * self._steps).sum(axis=1).argmin())
+        self.lateness = float(LATENESS[likeliest])
+        self._weight = KEPT * self._weight + weight
+        self.sag = np.clip(self.sag + weight / self._weight * further[likeliest], -most, most)
+
+    def _replay(self, state: Array, applied: Sequence[Array], sag: Array) -> Array:
+        """Joint angles of robots of each lateness with `sag` (R, 7) that are sent these increments, (R, T, 7) rad."""
+        assert self._robots is not None
+        num = len(LATENESS)
+        self._robots.imagine(np.arange(num), np.repeat(state, num, axis=0), sag)
+        steps = (self._robots.step(np.tile(increment / self._limit, (num, 1))) for increment in applied)
+        return np.stack([step.observation[:, :7] for step in steps], axis=1)

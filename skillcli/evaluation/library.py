@@ -1,0 +1,107 @@
+"""A skill library out of the store: the frozen agent, its recipe and its mean latents."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from skillcli.errors import StoreError, UsageError
+from skillcli.evaluation.consistency import TRAINED, check_meaning, check_same_skills, skill_names, stored_recipe
+from skillcli.learning.agent import Agent
+from skillcli.recipe import Recipe
+from skillcli.store import Artifact, ArtifactId, Store
+from skillcli.tasks.registry import sizes
+from skillcli.trajectories import Array
+
+__all__ = [
+    "TRAINED", "Library", "ancestor", "check_untouched", "fingerprint", "kin", "open_library", "skill_names",
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Library:
+    """Frozen skills."""
+
+    source: Artifact  # the pretrain artifact
+    recipe: Recipe
+    agent: Agent
+    mean: Array  # (K, d)
+    std: Array  # (K, d)
+    goals: Array  # (K, 3) m
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the skills, as in the recipe."""
+        return skill_names(self.recipe)
+
+
+def check_untouched(library: Library, recipe: Recipe, settable: str) -> None:
+    """Refuse a recipe that other skills than these would come of.
+
+    Raises:
+        UsageError: it differs from the library's where a training depends on it.
+    """
+    if recipe.fingerprint(TRAINED) != library.recipe.fingerprint(TRAINED):
+        raise UsageError(
+            f"the skills of {library.source.id} were trained on another recipe than the one given now",
+            f"only {settable} can be set here; else train anew",
+        )
+
+
+def open_library(store: Store, artifact: Artifact) -> Library:
+    """The library that an artifact holds, or was made from.
+
+    Raises:
+        StoreError: there is no pretrain artifact among its ancestors, or one of the two is not what its recipe says.
+    """
+    source = artifact if artifact.kind == "pretrain" else store.read(ancestor(store, artifact.id, "pretrain"))
+    for one in {source.id: source, artifact.id: artifact}.values():
+        check_meaning(one)
+    check_same_skills(artifact, source)
+    recipe, weights = stored_recipe(source), source.group("weights")
+    observation, action, _ = sizes(recipe.task)
+    privileged = weights["privileged_normalizer.mean"].shape[0] if "privileged_normalizer.mean" in weights else 0
+    agent = Agent(recipe, observation, action, source.arrays["skills/goal"], privileged=privileged)
+    agent.load(weights)
+    arrays = source.arrays
+    return Library(source, recipe, agent, arrays["embedding/mean"], arrays["embedding/std"], arrays["skills/goal"])
+
+
+def kin(store: Store, artifact_id: ArtifactId, library: Library) -> Artifact:
+    """An artifact that has to do with a library, in its migrated form where it has one.
+
+    Raises:
+        StoreError: it cannot be read, is not what its recipe says, or was made with other skills.
+    """
+    found = store.read(store.current(artifact_id))
+    check_meaning(found)
+    check_same_skills(found, library.source)
+    return found
+
+
+def ancestor(store: Store, artifact_id: ArtifactId, kind: str) -> ArtifactId:
+    """The nearest ancestor of a kind, in its migrated form where it has one.
+
+    Raises:
+        StoreError: there is none.
+    """
+    for candidate in store.lineage(artifact_id):
+        if candidate.stage == kind:
+            return store.current(candidate)
+    raise StoreError(f"{artifact_id} has no {kind} among its ancestors", f"`skill show {artifact_id}` lists them")
+
+
+def fingerprint(stage: str, parts: Iterable[Any]) -> str:
+    """SHA-256 over everything that determines a stage's result, to recognise finished work."""
+    return hashlib.sha256(json.dumps([stage, *parts], sort_keys=True, default=_plain).encode()).hexdigest()
+
+
+def _plain(item: Any) -> Any:
+    if isinstance(item, np.ndarray):
+        return item.tolist()
+    raise TypeError(f"cannot fingerprint {type(item).__name__}")

@@ -1,0 +1,54 @@
+"""Where a plan breaks the safety limits."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from skillcli.composition.plan import Segment, schedule
+from skillcli.evaluation.library import Library
+from skillcli.evaluation.rollouts import conduct
+from skillcli.evaluation.sampled_robots import Robots
+from skillcli.trajectories import SAFETY_LIMITS, Array, Trajectories
+
+
+def breaks(library: Library, plans: list[list[Segment]], recording: Trajectories, robots: Robots) -> list[dict[str, Any]]:
+    """Each limit that each route (an episode of the recording) breaks: for how many control steps, and where first."""
+    if recording.violations is None:
+        return []
+    found = []
+    for route in np.flatnonzero(recording.violations.any(axis=1)):
+        broken, gripper = _watched(library, plans[route], robots)
+        ends = np.cumsum([segment.steps for segment in plans[route]])
+        for limit in np.flatnonzero(broken.any(axis=0)):
+            step = int(broken[:, limit].argmax())
+            found.append({
+                "route": int(route),
+                "limit": SAFETY_LIMITS[limit],
+                "control_steps": int(broken[:, limit].sum()),
+                "seconds": step * library.recipe.task.control_period,
+                "segment": int(np.searchsorted(ends, step)),
+                "gripper_m": gripper[step].tolist(),
+            })  # fmt: skip
+    return found
+
+
+def _watched(library: Library, plan: list[Segment], robots: Robots) -> tuple[Array, Array]:
+    """A plan once more, looked at after every control step: limits broken, (T+1, K) bool, and the gripper, (T+1, 3) m."""
+    env = robots.simulations(library.recipe.task, 1)
+    latent, skill = schedule(plan)
+    broken, gripper = [], []
+
+    def look() -> None:
+        broken.append(env.violations()[0])
+        gripper.append(env.snapshot()["gripper_position"][0])
+
+    def feed(t: int, _: Array) -> tuple[Array, Array, Array]:
+        look()
+        return latent[None, t], skill[None, t], np.array([True])
+
+    conduct(env, library.agent.act, feed, len(skill))
+    look()
+    broken[0][:] = False  # no control step ends at the start
+    return np.array(broken), np.array(gripper)

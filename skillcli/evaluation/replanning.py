@@ -1,0 +1,268 @@
+"""Closed loop over segments: look at the target after each one, plan again from what is seen, and go on from there.
+
+How late the target obeys is told from how it moved; the next plan is made for a robot that obeys as late.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from skillcli.composition.latent_environment import LatentEnvironment
+from skillcli.composition.mpc import ModelPredictiveControl
+from skillcli.composition.plan import Segment
+from skillcli.composition.planner import run
+from skillcli.composition.search import Expansions
+from skillcli.errors import UsageError
+from skillcli.evaluation.identification import Identification
+from skillcli.evaluation.planning import Leg, choices_of, mpc_from, search_from
+from skillcli.evaluation.rollouts import conduct, met
+from skillcli.evaluation.sampled_robots import Robots
+from skillcli.recipe import PushTask
+from skillcli.seeding import generator
+from skillcli.simulation.environment import Environment, Sighting
+from skillcli.trajectories import Array, Trajectories
+
+REPLANS = ("search", "mpc")
+MARGIN = 0.8  # of the tolerance that the judge has: what the sensors show is off by millimetres
+KEPT = ("box_pressed", "box_tipped")  # limits that a plan keeps; noise alone may break those of the arm
+FRICTION = np.array([0.6, 1.0, 1.4, 1.4])  # factors of robots that must not break them either: where it is high a box tips
+DOUBT = 0.01  # rad that their joints rest elsewhere than believed
+PATIENCE = 0.5  # of an episode's time for coming as near as asked for; from then on what the judge takes is near enough
+FIRST_LOOK = 4  # control steps after which a target is looked at first: how it obeys is not known before
+OFF = 0.01  # m that a plan is expected to be off by as long as nothing was seen
+GLANCE = 2  # control steps over which the speed of the judged point is seen: over one, noise would drown it
+
+
+@dataclass
+class Effort:
+    """What planning again took."""
+
+    plans: int = 0
+    seconds: float = 0.0
+
+    @property
+    def mean(self) -> float | None:
+        """Seconds per plan, None where nothing was planned."""
+        return self.seconds / self.plans if self.plans else None
+
+
+@dataclass(frozen=True)
+class Prospect:
+    """What is to be done next, and what the simulation says comes of it."""
+
+    segment: Segment
+    place: Array  # (3,) m, where the judged point should be behind it
+    to_go: float  # m, what the whole plan leaves of the way
+
+
+class Replanner:
+    """Plans again and again, in simulations of its own, for a target that it knows through its sensors only.
+
+    Args:
+        leg: library and recipe; its waypoints do not matter.
+        method: one of `REPLANS`.
+
+    Raises:
+        UsageError: the method is none of them.
+    """
+
+    def __init__(self, leg: Leg, method: str) -> None:
+        if method not in REPLANS:
+            raise UsageError(
+                f"a plan of --method {method} cannot be made again on the way", f"--replan goes with {' or '.join(REPLANS)}"
+            )
+        # who looks again soon plans quickly: on the nominal robot, in the shortest segments
+        search = leg.recipe.search.model_copy(update={"segments": (min(leg.recipe.search.segments),)})
+        leg = replace(leg, recipe=leg.recipe.model_copy(update={"search": search}), robots=Robots({"latency": np.zeros(1)}))
+        self.leg, self.method, self.effort = leg, method, Effort()
+        self._choices = choices_of(leg)
+        settings = leg.recipe.transfer
+        slots = settings.replan_batch * len(self._choices.latent) if method == "search" else leg.recipe.mpc.samples
+        self._simulations = leg.robots.simulations(leg.recipe.task, slots)
+        self._lateness = 0.0  # s, of the simulations
+        self._known = Identification(leg.recipe.task)
+        self._world = LatentEnvironment(self._simulations, leg.library.agent.act, limits=KEPT)
+        self._others: Environment | None = None
+        if method == "search" and isinstance(leg.recipe.task, PushTask):
+            several = Robots({"latency": np.zeros(len(FRICTION)), "contact_friction": FRICTION}, len(FRICTION))
+            self._others = several.simulations(leg.recipe.task, len(self._choices.latent))
+            self._elsewhere = LatentEnvironment(self._others, leg.library.agent.act, len(FRICTION), KEPT)
+        self._reckless = LatentEnvironment(self._simulations, leg.library.agent.act)
+        self._longest = leg.steps(search.segments[0] if method == "search" else leg.recipe.mpc.segment)
+
+    def episode(self, target: Environment, waypoints: Array, steps: int, seed: int) -> Trajectories:
+        """One episode on one target robot that stands at its start.
+
+        Args:
+            target: one simulation.
+            waypoints: (W, 3) m.
+            steps: control steps at most.
+            seed: of methods that use chance.
+        """
+        target.target[:] = waypoints[-1]
+        self._known.begin()
+        self._assume(self._known.lateness)
+        mission = _Mission(self, target, waypoints, round(PATIENCE * steps), generator(seed, "replanning"))
+        recording, _ = conduct(target, self.leg.library.agent.act, mission.feed, steps)
+        if mission.gave_up():
+            recording = replace(recording, gave_up=np.ones(1, dtype=bool))
+        return recording.judged_by(recording.success & met(recording, [waypoints], target.tolerance))
+
+    @property
+    def goal_tolerance(self) -> float:
+        """What is near enough to stop, m."""
+        own = self.leg.recipe.search if self.method == "search" else self.leg.recipe.mpc
+        return min(own.goal_tolerance, self.leg.recipe.task.tolerance)
+
+    def learn(self, state: Array, applied: Sequence[Array], measured: Sequence[Array]) -> None:
+        """Take account of a segment that is over, see `Identification`; plan for a robot that obeys like that."""
+        self._known.learn(state, applied, measured)
+        self._assume(self._known.lateness)
+
+    def _assume(self, lateness: float) -> None:
+        """Let the simulations obey this late, s."""
+        if lateness != self._lateness:
+            late = {"latency": np.full(self._simulations.num, lateness)}
+            self._simulations.perturb(late, np.random.default_rng(0))  # without noise there is nothing to draw
+            if self._others is not None:
+                friction = np.resize(FRICTION, self._others.num)
+                late = {"latency": np.full(len(friction), lateness), "contact_friction": friction}
+                self._others.perturb(late, np.random.default_rng(0))
+            self._lateness = lateness
+
+    def next(self, seen: Sighting, waypoints: Array, rng: np.random.Generator) -> Prospect:
+        """The first segment of a new plan, and what comes of it; where every way breaks a limit, the limits are left out."""
+        began = time.perf_counter()
+        barred = self._barred(seen, rng)
+        self._simulations.imagine(np.array([0]), seen.state, self._known.sag[None])
+        row, points = self._world.start()
+        planner = self._planner(row, points, waypoints, rng, barred)
+        run(planner, self._world, lambda *_: None)
+        if not planner.plan():
+            planner = self._planner(row, points, waypoints, rng)
+            run(planner, self._reckless, lambda *_: None)
+        self.effort.plans += 1
+        self.effort.seconds += time.perf_counter() - began
+        plan = planner.plan()
+        if not plan:  # every way fails: a moment of the first skill
+            library = self.leg.library
+            return Prospect(Segment(library.mean[0], 0, library.names[0], 1), points[0, 0], planner.to_go)
+        return Prospect(replace(plan[0], steps=min(plan[0].steps, self._longest)), planner.next_place, planner.to_go)
+
+    def _barred(self, seen: Sighting, rng: np.random.Generator) -> frozenset[int]:
+        """Choices that break a limit of the box sooner than others do, held where it slides worse or better than believed."""
+        if self._others is None:
+            return frozenset()
+        each, sag = np.arange(len(FRICTION)), self._known.sag + DOUBT * rng.standard_normal((len(FRICTION), 7))
+        self._others.imagine(each, np.repeat(seen.state, len(each), axis=0), sag)
+        latent = self._choices.latent
+        rows = np.tile(self._others.save(each).ravel(), (len(latent), 1))
+        broken = self._elsewhere.hold(rows, latent, self._longest).failed.sum(axis=1)
+        return frozenset(np.flatnonzero(broken > broken.min()).tolist())
+
+    def _planner(
+        self, row: Array, points: Array, waypoints: Array, rng: np.random.Generator, barred: Collection[int] = ()
+    ) -> Expansions | ModelPredictiveControl:
+        if self.method == "mpc":
+            return mpc_from(self.leg, row, points, waypoints, 1, rng)
+        settings = self.leg.recipe.transfer
+        search = search_from(self.leg, row, points, waypoints, self._choices, settings.replan_budget, barred)
+        return Expansions(search, settings.replan_batch)
+
+
+class _Mission:
+    """One episode under way: which waypoints are behind it, and what is being held."""
+
+    def __init__(
+        self, replanner: Replanner, target: Environment, waypoints: Array, patience: int, rng: np.random.Generator
+    ) -> None:
+        self._replanner, self._target, self._waypoints, self._rng = replanner, target, waypoints, rng
+        self._patience = patience  # control steps
+        self._due = 0
+        self._prospect: Prospect | None = None
+        self._errors: list[float] = []  # m, how far the judged point came to lie from where a segment should have led it
+        self._held, self._left = 0, 0  # control steps that the segment was held for, and still is
+        self._looked, self._in_time = False, True
+        self._path: list[Array] = []  # (3,) m, the judged point as it was seen
+        self._begun: Array = np.zeros((1, 0))  # what was seen when the segment began
+        self._applied: list[Array] = []
+        self._measured: list[Array] = []  # since then, behind each step
+
+    def feed(self, _: int, failed: Array) -> tuple[Array, Array, Array] | None:
+        """See `conduct`."""
+        if failed[0]:
+            self._in_time = False
+            return None
+        seen = self._target.look()
+        self._path.append(seen.judged[0])
+        if len(self._path) > 1:
+            self._applied.append(self._target.applied[0].copy())
+            self._measured.append(seen.state[0, :7])
+        if self._arrived():
+            return None
+        if self._left == 0 and not self._go_on(seen):
+            return None
+        assert self._prospect is not None
+        segment = self._prospect.segment
+        latent = segment.latents[self._held]
+        self._held, self._left = self._held + 1, self._left - 1
+        return latent[None], np.array([segment.skill]), np.array([True])
+
+    def _go_on(self, seen: Sighting) -> bool:
+        """Plan again; whether that is worth its while."""
+        if self._prospect is not None and self._held == self._prospect.segment.steps:
+            self._errors.append(float(np.linalg.norm(seen.judged[0] - self._prospect.place)))
+        self._identify(seen)
+        self._prospect = self._replanner.next(seen, self._waypoints[self._due :], self._rng)
+        self._held, self._left = 0, self._prospect.segment.steps
+        if not self._looked:
+            self._left, self._looked = min(self._left, FIRST_LOOK), True
+        return not (len(self._path) > 1 and self._near() and self._hopeless())
+
+    def gave_up(self) -> bool:
+        """Whether its time was over, and what is judged seemed not to be near."""
+        self._path.append(self._target.look().judged[0])
+        return self._in_time and not self._near()
+
+    def _near(self) -> bool:
+        """Whether the judge would take it, at the last waypoint."""
+        return self._due == len(self._waypoints) - 1 and self._gap() <= MARGIN * self._target.tolerance
+
+    def _hopeless(self) -> bool:
+        """Whether the plan should end no nearer than here, with what plans of this episode were off by."""
+        assert self._prospect is not None
+        spread = float(np.sqrt(np.mean(np.square([OFF, *self._errors]))))
+        return float(np.hypot(self._prospect.to_go, spread)) >= self._gap()
+
+    def _gap(self) -> float:
+        """To the waypoint that is due, as it was seen, m."""
+        return float(np.linalg.norm(self._path[-1] - self._waypoints[self._due]))
+
+    def _identify(self, seen: Sighting) -> None:
+        """Learn from the segment that has ended how the target obeys."""
+        self._replanner.learn(self._begun, self._applied, self._measured)
+        self._begun, self._applied, self._measured = seen.state, [], []
+
+    def _arrived(self) -> bool:
+        """Take note of a waypoint that is met; whether the last one is, slowly enough."""
+        gap = self._gap()
+        if self._due < len(self._waypoints) - 1:
+            if gap <= MARGIN * self._target.tolerance:
+                self._due, self._left = self._due + 1, 0  # what is being held was meant for the one before
+            return False
+        settings = self._replanner.leg.recipe.search
+        slow = not settings.final_speed or self._replanner.method == "mpc" or self._speed() <= settings.final_speed
+        near = self._replanner.goal_tolerance
+        if len(self._path) > self._patience:  # some places no sequence of latents comes nearer to
+            near = max(near, MARGIN * self._target.tolerance)
+        return gap <= near and slow and len(self._path) > 1
+
+    def _speed(self) -> float:
+        """Of the judged point as it was seen, m/s."""
+        behind = self._path[-1 - min(GLANCE, len(self._path) - 1)]
+        seconds = max(1, min(GLANCE, len(self._path) - 1)) * self._target.control_period
+        return float(np.linalg.norm(self._path[-1] - behind)) / seconds

@@ -1,0 +1,47 @@
+"""What is fed to the episodes of a transfer: the routes of a composed plan in turn, or each skill's mean in turn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skillcli.evaluation.library import Library
+from skillcli.store import Artifact
+from skillcli.trajectories import Array
+
+
+@dataclass(frozen=True)
+class Script:
+    """E episodes."""
+
+    latent: Array  # (E, T, d)
+    skill: Array  # (E, T)
+    steps: Array  # (E,) control steps of each episode
+    waypoints: tuple[Array, ...]  # (W, 3) m of each episode, the goal alone for bare skills
+
+    @property
+    def episodes(self) -> int:
+        """How many there are, E."""
+        return len(self.latent)
+
+    @staticmethod
+    def of(source: Artifact, library: Library) -> Script:
+        """The script of a compose artifact, or of the skills of any other kind; one episode of each route or skill."""
+        if source.kind == "compose":
+            trajectory, route = source.group("trajectories"), source.arrays["waypoints/route"]
+            latents, skills = trajectory["latent"], trajectory["skill"]
+            period = library.recipe.task.control_period  # a route that failed in the source is sent whole all the same
+            seconds = np.bincount(source.arrays["plan/route"], weights=source.arrays["plan/seconds"])
+            target = source.arrays["waypoints/target"]
+            waypoints = tuple(target[route == index] for index in range(len(latents)))
+            return Script(latents, skills, np.round(seconds / period).astype(np.int64), waypoints)
+        horizon = library.recipe.task.horizon
+        latents = np.repeat(library.mean[:, None], horizon, axis=1)
+        skills = np.repeat(np.arange(len(library.mean))[:, None], horizon, axis=1)
+        return Script(latents, skills, np.full(len(latents), horizon), tuple(goal[None] for goal in library.goals))
+
+    def in_turn(self, episodes: int) -> Script:
+        """Each episode again and again, until there are this many."""
+        turn = np.arange(episodes) % self.episodes
+        return Script(self.latent[turn], self.skill[turn], self.steps[turn], tuple(self.waypoints[index] for index in turn))

@@ -1,0 +1,116 @@
+"""What a transfer found out, as figures: pure functions over recordings."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from skillcli import metrics
+from skillcli.config.randomization import MANNERS, NEEDS, PARAMETERS
+from skillcli.evaluation.trial import Target
+from skillcli.trajectories import Array, Trajectories
+
+WORST = 5  # episodes that are listed
+
+
+def source_report(reference: Trajectories) -> dict[str, Any]:
+    """The same in the simulation that was planned on."""
+    return {
+        "success_rate": float(reference.success.mean()),
+        "episodes": reference.episodes,
+        "final_distance_m": float(metrics.final_distance(reference).mean()),
+        "success_rate_within_limits": float((reference.success & reference.within_limits).mean()),
+        "violations": broken(reference),
+    }
+
+
+def domain_report(
+    target: Target, recording: Trajectories, replay_error: Array, source_rate: float, first: int
+) -> dict[str, Any]:
+    """One domain against the source.
+
+    Args:
+        target: what was drawn.
+        recording: E episodes there.
+        replay_error: (E,) m, see `Trial.replay`.
+        source_rate: success in the source, known exactly: nothing goes on by chance there.
+        first: number of its first episode in the artifact.
+    """
+    found = outcome(recording, target.repeats)
+    rate, (low, high) = found["success_rate"], found["ci95"]
+    return {
+        "name": target.name,
+        **found,
+        "retention": rate / source_rate if source_rate > 0 else None,
+        "gap": source_rate - rate,
+        "gap_ci95": list(metrics.difference_interval(source_rate, (source_rate, source_rate), rate, (low, high))),
+        "successes_within_limits": int((recording.success & recording.within_limits).sum()),
+        "violations": broken(recording),
+        "replay_error_m": _summary(replay_error[recording.stable]),
+        "worst": worst(target, recording, first),
+        "parameters": {name: PARAMETERS[name].meaning for name in target.parameters},
+    }
+
+
+def outcome(recording: Trajectories, repeats: bool) -> dict[str, Any]:
+    """Success with Wilson's interval, and where the episodes end that did not come apart.
+
+    Where every episode would be the same nothing is left to chance: the rate is known exactly, its interval has no width.
+    """
+    successes, episodes = int(recording.success.sum()), recording.episodes
+    rate = successes / episodes
+    return {
+        "episodes": episodes,
+        "successes": successes,
+        "success_rate": rate,
+        "ci95": [rate, rate] if repeats else list(metrics.wilson_interval(successes, episodes)),
+        "deterministic": repeats,
+        "unstable": int((~recording.stable).sum()),
+        "gave_up": int(recording.given_up.sum()),
+        "final_distance_m": _summary(metrics.final_distance(recording)[recording.stable]),
+    }
+
+
+def _summary(distance: Array) -> dict[str, float | None]:
+    """Like `metrics.distance_summary`, of nothing where there is none."""
+    return dict(metrics.distance_summary(distance)) if len(distance) else dict.fromkeys(metrics.distance_summary(np.zeros(1)))
+
+
+def broken(recording: Trajectories) -> dict[str, int]:
+    """Episodes that break each limit; empty where the task has none."""
+    return {limit: int((steps > 0).sum()) for limit, steps in recording.beyond_limits.items()}
+
+
+def worst(target: Target, recording: Trajectories, first: int) -> list[dict[str, Any]]:
+    """Episodes that came apart, then those that end farthest from their target, with the single numbers drawn for them."""
+    distance = metrics.final_distance(recording)
+    single = {name: values for name, values in target.parameters.items() if values.ndim == 1}
+    return [
+        {
+            "episode": first + int(episode),
+            "final_distance_m": float(distance[episode]) if recording.stable[episode] else None,
+            "success": bool(recording.success[episode]),
+            "parameters": {name: float(values[episode]) for name, values in single.items()},
+        }
+        for episode in np.argsort(-np.where(recording.stable, distance, np.inf), kind="stable")[:WORST]
+    ]
+
+
+def one_at_a_time(target: Target) -> dict[str, Target]:
+    """The same robots with one parameter alone, and what says how it acts; by its name."""
+    found = {}
+    for name in target.parameters:
+        if name not in MANNERS:
+            found[name] = target.only(each for each in (name, *NEEDS.get(name, ())) if each in target.parameters)
+    return found
+
+
+def most_harmful_first(alone: dict[str, tuple[Target, Trajectories]]) -> list[dict[str, Any]]:
+    """Outcomes with one parameter alone, by its name: lowest success first, then the larger median distance."""
+    rows = [{"parameter": name, **outcome(recording, target.repeats)} for name, (target, recording) in alone.items()]
+    return sorted(rows, key=lambda row: (row["success_rate"], -_far(row["final_distance_m"]["median"])))
+
+
+def _far(median: float | None) -> float:
+    return float("inf") if median is None else median

@@ -1,0 +1,130 @@
+"""Episodes on robots that differ: fed with latents, planned again on the way, or sent the source's actions blindly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from skillcli.config.randomization import Range, repeats, sample_each
+from skillcli.evaluation.library import Library
+from skillcli.evaluation.replanning import Replanner
+from skillcli.evaluation.rollouts import play, play_waypoints
+from skillcli.evaluation.script import Script
+from skillcli.recipe import PointTask
+from skillcli.robots.robot import Robot
+from skillcli.seeding import generator
+from skillcli.simulation.domains import Domain
+from skillcli.simulation.environment import Environment
+from skillcli.tasks.registry import MAX_SIMULATIONS, begin, make, stand
+from skillcli.trajectories import Array, Trajectories
+
+
+@dataclass(frozen=True)
+class Target:
+    """A domain, with what was drawn from it for each episode."""
+
+    name: str
+    parameters: dict[str, Array]  # (E,) or (E, n) by name, see `skillcli.config.randomization`
+    ranges: Mapping[str, Range] = field(default_factory=dict)  # that they were drawn from
+    episodes: int = 1  # E
+
+    @staticmethod
+    def drawn(domain: Domain, episodes: int, seed: int) -> Target:
+        """Hangs on domain and seed only: whatever is judged meets the same robots, and more episodes the same ones first."""
+        rngs = [generator(seed, f"domain {domain.name} {episode}") for episode in range(episodes)]
+        return Target(domain.name, sample_each(domain.parameters, rngs), domain.parameters, episodes)
+
+    @property
+    def repeats(self) -> bool:
+        """Whether all episodes are the same."""
+        return self.parameters.keys() <= self.ranges.keys() and repeats(self.ranges)
+
+    def first(self, episodes: int) -> Target:
+        """The first of its robots."""
+        kept = {name: values[:episodes] for name, values in self.parameters.items()}
+        return replace(self, parameters=kept, episodes=episodes)
+
+    def only(self, names: Iterable[str]) -> Target:
+        """The same robots, with everything but these parameters nominal."""
+        kept = list(names)
+        ranges = {name: self.ranges[name] for name in kept if name in self.ranges}
+        return replace(self, parameters={name: self.parameters[name] for name in kept}, ranges=ranges)
+
+
+NOMINAL = Target("nominal", {})
+
+
+@dataclass(frozen=True)
+class Trial:
+    """How episodes are played.
+
+    Attributes:
+        library: the skills.
+        seed: of what goes on by chance in an episode, and of planning.
+        robot: the model that stands there, the source's where there is none.
+        replanner: plans again on the way; without it the script is fed as it is.
+    """
+
+    library: Library
+    seed: int
+    robot: Robot | None = None
+    replanner: Replanner | None = None
+
+    def check(self) -> None:
+        """Refuse a robot that does not fit the task, before any work.
+
+        Raises:
+            UsageError: it does not.
+        """
+        if self.robot is not None:
+            make(self.library.recipe.task, 1, robot=self.robot)
+
+    def run(self, script: Script, target: Target, told: Callable[[int, int], None] = lambda *_: None) -> Trajectories:
+        """Play a script on a target, one episode each; `told` hears of every episode that is planned again."""
+        if self.replanner is not None:
+            return self._replan(self.replanner, script, target, told)
+
+        def feed(env: Environment, part: slice) -> Trajectories:
+            act, latent, skill = self.library.agent.act, script.latent[part], script.skill[part]
+            return play_waypoints(env, act, latent, skill, script.waypoints[part], script.steps[part])
+
+        return self._side_by_side(script.episodes, target, feed)
+
+    def replay(self, source: Trajectories, target: Target, episodes: int) -> Array:
+        """How far the judged point ends from where it ended in the source, whose actions are sent in turn, (E,) m."""
+        task, turn = self.library.recipe.task, np.arange(episodes) % source.episodes
+        actions = source.action / (task.step_limit if isinstance(task, PointTask) else task.action_limit)
+
+        def send(env: Environment, part: slice) -> Trajectories:
+            which = turn[part]
+            env.target[:] = source.judged[which, source.length[which]]
+            return play(env, lambda _, action: action, actions[which], source.skill[which], source.length[which])[0]
+
+        sent = self._side_by_side(episodes, target, send)
+        end = sent.judged[np.arange(episodes), sent.length]
+        error: Array = np.linalg.norm(end - source.judged[turn, source.length[turn]], axis=1)
+        return error
+
+    def _side_by_side(
+        self, episodes: int, target: Target, play_part: Callable[[Environment, slice], Trajectories]
+    ) -> Trajectories:
+        recordings = []
+        for first in range(0, episodes, MAX_SIMULATIONS):
+            part = slice(first, min(first + MAX_SIMULATIONS, episodes))
+            parameters = {name: values[part] for name, values in target.parameters.items()}
+            skill = np.zeros(part.stop - first, dtype=np.int64)
+            sensors = [generator(self.seed, f"sensors {target.name} {episode}") for episode in range(first, part.stop)]
+            recordings.append(play_part(stand(self.library.recipe.task, skill, parameters, sensors, robot=self.robot), part))
+        return Trajectories.join(recordings)
+
+    def _replan(self, replanner: Replanner, script: Script, target: Target, told: Callable[[int, int], None]) -> Trajectories:
+        steps, recordings = replanner.leg.steps(replanner.leg.recipe.transfer.replan_seconds), []
+        env = make(self.library.recipe.task, 1, delay="latency" in target.parameters, robot=self.robot)
+        for episode, waypoints in enumerate(script.waypoints):
+            told(episode, script.episodes)
+            one = {name: values[episode : episode + 1] for name, values in target.parameters.items()}
+            begin(env, np.zeros(1, dtype=np.int64), one, generator(self.seed, f"sensors {target.name} {episode}"))
+            recordings.append(replanner.episode(env, waypoints, steps * len(waypoints), self.seed))
+        return Trajectories.join(recordings)

@@ -1,0 +1,241 @@
+"""A foreign MJCF file: read, freed of the scene that it came in and of files that are missing, and compiled."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+import skillcli.robots.quiet  # noqa: F401
+from skillcli.errors import UsageError
+from skillcli.robots.effort import check_effort
+
+_HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
+
+
+def read_mjcf(path: Path) -> mujoco.MjSpec:
+    """The model of a file, every body with a name.
+
+    Raises:
+        UsageError: there is no such file, or MuJoCo cannot read it.
+    """
+    try:
+        there = path.is_file()
+    except OSError:  # no name of a file
+        there = False
+    if not there:
+        raise UsageError(f"model: no file {str(path)[:300]}", "the path is relative to the robot file")
+    try:
+        check_effort(path)
+    except OSError as error:
+        raise UsageError(f"model: {path.name} cannot be read: {error.strerror or error}", "see who may read it") from None
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except (ValueError, RuntimeError, mujoco.FatalError) as error:
+        raise UsageError(
+            f"model: {path.name} cannot be read as MJCF: {_line(error)}", "MuJoCo's own XML is asked for"
+        ) from error
+    for index, body in enumerate(spec.bodies[1:]):
+        body.name = body.name or f"unnamed-{index}"  # bodies are told apart by name
+    spec.compiler.fusestatic = spec.compiler.discardvisual = False  # either could take the gripper's body or our geoms away
+    return spec
+
+
+@contextmanager
+def quietly() -> Iterator[None]:
+    """Without MuJoCo's warnings: of notation that will go out of use, and of memory that two models ask for differently."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        yield
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+def compile_model(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
+    """The compiled model.
+
+    Raises:
+        UsageError: MuJoCo refuses it.
+    """
+    try:
+        with quietly():
+            return spec.compile()
+    except (ValueError, RuntimeError, mujoco.FatalError) as error:
+        raise UsageError(
+            f"model: MuJoCo cannot compile {path.name}: {_line(error)}",
+            "a link whose meshes are missing needs an <inertial> of its own" if "mass" in str(error) else "mend the MJCF",
+        ) from error
+
+
+LARGEST = 1e15  # of any number in a model; mass, length and stiffness of what stands on a table are far below
+_WRITTEN = ("dof_", "jnt_", "body_", "geom_", "site_")  # what a person writes, and is named before what follows from it
+
+
+def check_numbers(model: mujoco.MjModel, path: Path) -> None:
+    """Refuse a model with numbers that are not finite, or that nothing on earth has.
+
+    Raises:
+        UsageError: it has some; MuJoCo takes them and simulates nonsense.
+    """
+    for name in ("dof_armature", "dof_damping", "dof_frictionloss", "jnt_stiffness"):
+        if (getattr(model, name) < 0).any():
+            raise UsageError(f"model: {path.name} has a negative {name.split('_')[1]} of a joint", "mend the MJCF")
+    numbers = [*_numbers(model.opt), *sorted(_numbers(model), key=lambda pair: _derived(pair[0]))]
+    for name, values in numbers:
+        if not (np.abs(values) < LARGEST).all():
+            raise UsageError(f"model: {path.name} has a number that is not finite, or absurd, in {name}", "mend the MJCF")
+
+
+def _derived(name: str) -> bool:
+    return not name.startswith(_WRITTEN) or "0" in name
+
+
+def _numbers(owner: Any) -> Iterator[tuple[str, Any]]:
+    """All floating point numbers of a model or its options, by name."""
+    for name in (name for name in dir(owner) if not name.startswith("_")):
+        values = getattr(owner, name)
+        if isinstance(values, float | np.ndarray) and np.asarray(values).dtype.kind == "f":
+            yield name, np.asarray(values)
+
+
+def drop_missing_files(spec: mujoco.MjSpec, path: Path) -> list[str]:
+    """Leave out what is only for the eye, and whatever needs a file that is not there; returns a note of the latter."""
+    for element in [*spec.skins, *spec.textures]:
+        spec.delete(element)
+    for material in spec.materials:
+        material.textures = [""] * len(material.textures)
+    missing = [
+        (kind, asset)
+        for kind, assets in (("mesh", spec.meshes), ("hfield", spec.hfields))
+        for asset in assets
+        if asset.file and not _asset_file(spec, asset, path).is_file()
+    ]
+    if not missing or _all_there(spec):
+        return []
+    gone: dict[str, set[str]] = {"mesh": set(), "hfield": set()}
+    for kind, asset in missing:
+        gone[kind].add(asset.name or Path(asset.file).stem)
+        spec.delete(asset)
+    dropped = [geom for geom in spec.geoms if geom.meshname in gone["mesh"] or geom.hfieldname in gone["hfield"]]
+    touching = sum(bool(geom.contype or geom.conaffinity) for geom in dropped)
+    for geom in dropped:
+        spec.delete(geom)
+    _drop_pairs(spec)
+    if not gone["mesh"]:
+        return []
+    return [f"{len(gone['mesh'])} mesh files are missing: {len(dropped)} geoms left out, {touching} of them could touch"]
+
+
+def _all_there(spec: mujoco.MjSpec) -> bool:
+    """Whether MuJoCo finds all files: it alone knows where those of an attached model lie."""
+    try:
+        with quietly():
+            spec.copy().compile()
+    except (ValueError, RuntimeError, mujoco.FatalError) as error:
+        return "file" not in str(error)
+    return True
+
+
+def _drop_pairs(spec: mujoco.MjSpec) -> None:
+    """Contact pairs of geoms that are gone: MuJoCo takes all else that refers to a geom along, but not these."""
+    left = {geom.name for geom in spec.geoms}
+    for pair in list(spec.pairs):
+        if not {pair.geomname1, pair.geomname2} <= left:
+            spec.delete(pair)
+
+
+def _asset_file(spec: mujoco.MjSpec, asset: Any, path: Path) -> Path:
+    name = Path(asset.file).name if spec.strippath else str(asset.file)
+    return path.parent / str(spec.meshdir) / name
+
+
+def check_joints(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
+    """See that the joints are there, are hinges, and hang on each other in this order.
+
+    Raises:
+        UsageError: they are not, or do not.
+    """
+    known = {joint.name: joint for joint in spec.joints}
+    for name in joints:
+        if name not in known:
+            raise UsageError(
+                f"joints: no joint {name!r} in the model", f"joints there: {', '.join(filter(None, known)) or 'none'}"
+            )
+        if known[name].type != _HINGE:
+            raise UsageError(f"joints: {name!r} is not a hinge", "the arm has seven joints that turn")
+    for inner, outer in pairwise(joints):
+        if known[inner].parent.name not in [body.name for body in upwards(known[outer].parent)]:
+            raise UsageError(f"joints: {outer!r} does not hang on {inner!r}", "name the seven from the base to the hand")
+
+
+def upwards(body: Any) -> Iterable[Any]:
+    """A body and all that carry it, the world last."""
+    while body is not None:
+        yield body
+        body = body.parent
+
+
+def drop_scene(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
+    """Keep the tree that the arm stands in; what does not move in it cannot be touched: the task has its own table."""
+    for element in [*spec.keys, *spec.sensors, *spec.cameras, *spec.lights, *spec.worldbody.geoms]:
+        spec.delete(element)
+    root = [*upwards(spec.joint(joints[0]).parent)][-2]
+    for body in list(spec.worldbody.bodies):
+        if body.name != root.name:
+            spec.delete(body)
+    _drop_pairs(spec)
+    for body in spec.bodies:
+        if not any(part.joints for part in upwards(body)):
+            for geom in body.geoms:
+                geom.contype = geom.conaffinity = 0
+
+
+def lock_loose_joints(spec: mujoco.MjSpec, joints: Sequence[str]) -> list[str]:
+    """Weld the extra joints that nothing in the model holds, where they stand at their reference; returns a note."""
+    named, bodies = _holds(spec)
+    loose = []
+    for joint in list(spec.joints):
+        if joint.name in joints:
+            continue
+        below = [joint.parent, *joint.parent.find_all("body")]
+        carries_arm = any(part.name in joints for body in below for part in body.joints)
+        held = joint.name in named or any(joint.stiffness) or (not carries_arm and any(body.name in bodies for body in below))
+        if not (held and joint.type in (_HINGE, _SLIDE)):
+            loose.append(joint)
+    names = ", ".join(joint.name or "unnamed" for joint in loose)
+    for joint in loose:
+        spec.delete(joint)
+    return [f"joints that nothing holds are locked: {names}"] if loose else []
+
+
+def _holds(spec: mujoco.MjSpec) -> tuple[set[str], set[str]]:
+    """Joints, and bodies, that an actuator, a tendon or an equality acts on."""
+    joints, bodies = set(), set()
+    transmission, kind = mujoco.mjtTrn, mujoco.mjtEq
+    sites = {site.name: site.parent.name for site in spec.sites}
+    for actuator in spec.actuators:
+        if actuator.trntype in (transmission.mjTRN_JOINT, transmission.mjTRN_JOINTINPARENT):
+            joints.add(actuator.target)
+        elif actuator.trntype == transmission.mjTRN_SITE:
+            bodies.add(sites.get(actuator.target, ""))
+    for tendon in spec.tendons:
+        for wrap in tendon.path:
+            if wrap.type == mujoco.mjtWrap.mjWRAP_JOINT:
+                joints.add(wrap.target.name)
+            elif wrap.type == mujoco.mjtWrap.mjWRAP_SITE:
+                bodies.add(wrap.target.parent.name)
+    for equality in spec.equalities:
+        ends = {equality.name1, equality.name2} - {""}
+        if equality.type == kind.mjEQ_JOINT:
+            joints |= ends
+        elif equality.type in (kind.mjEQ_CONNECT, kind.mjEQ_WELD):
+            bodies |= {sites.get(end, end) for end in ends}
+    return joints - {""}, bodies - {""}

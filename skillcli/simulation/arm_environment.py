@@ -1,0 +1,269 @@
+"""What every task of the Sawyer shares: N arms with a start, a clock, sensors and a robot of their own."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+
+from skillcli.recipe import ArmTask
+from skillcli.robots import sawyer
+from skillcli.robots.robot import Robot
+from skillcli.simulation import disturbance, sensors
+from skillcli.simulation.arms import Arms
+from skillcli.simulation.chance import Rng
+from skillcli.simulation.disturbance import Disturbance
+from skillcli.simulation.environment import Array, Sighting, Step
+from skillcli.simulation.safety import RANGE_TOLERANCE, STIFF_TABLE_TOLERANCE, Clearance
+from skillcli.simulation.sensors import Sensors
+
+REMEMBERED = 3  # control steps of which commands are kept for a look: as far back as an actuator may be delayed
+
+
+class ArmEnvironment:
+    """N Sawyer arms; a task says what is seen beside the joints, what is judged, what earns reward and what has failed.
+
+    Observation (10): seven joint angles, rad, and one position, m; then what else a task of its own shows; and, where the task
+    says so, seven more: how far the commanded joint target leads the measured joints, rad, which tells commands that are
+    delayed or not yet obeyed. Action (7): joint increments in units of the action limit.
+
+    Args:
+        task: start, clock and limits.
+        spec: the scene.
+        goals: (K, 3) m.
+        num: simulations.
+        threads: of the engine, 0 for all cores; results do not depend on it.
+        robot: whose arm stands in the scene, the source's where there is none.
+    """
+
+    action_size = 7
+    privileged_size = 0
+    failure_reward = 0.0  # of the step that fails
+    table_tolerance = STIFF_TABLE_TOLERANCE
+
+    def __init__(
+        self, task: ArmTask, spec: mujoco.MjSpec, goals: Array, num: int, threads: int, robot: Robot | None = None
+    ) -> None:
+        self.num, self.horizon, self.tolerance, self.robot = num, task.horizon, task.tolerance, robot
+        self.control_period = task.control_period
+        self._observe_command = task.observe_command
+        self.shown_size, self.observation_size = self.shows(task), self.observes(task)
+        substeps = round(task.control_period / spec.option.timestep)
+        names = robot.names if robot else sawyer.NAMES
+        self.arms = Arms(spec.compile(), num, substeps, task.action_limit, threads, names)
+        self.goals = goals
+        self.target = np.zeros((num, 3))
+        self.applied, self.unstable = np.zeros((num, 7)), np.zeros(num, dtype=bool)
+        self._start = np.array(robot.start(task) if robot else task.start)
+        self._speed_limit = robot.speed_limit if robot else sawyer.VELOCITY_LIMIT
+        self._start_offset = np.zeros((num, 7))  # rad
+        self._elapsed = np.zeros(num, dtype=np.int64)
+        self._past: deque[tuple[Array, Array]] = deque(maxlen=REMEMBERED)  # measured joints and commanded targets, rad
+        self._joint_offset: Array | None = None  # rad
+        self._sensors: Sensors | None = None  # None: everything is measured as it is
+        self._disturbance: Disturbance | None = None
+        self._clearance: Clearance | None = None  # made when it is first asked for
+        self.reset(np.arange(num), np.zeros(num, dtype=np.int64))
+
+    @classmethod
+    def shows(cls, task: ArmTask) -> int:
+        """How many numbers `shown` has."""
+        return 0
+
+    @classmethod
+    def observes(cls, task: ArmTask) -> int:
+        """Size of the observation of a task."""
+        return 10 + cls.shows(task) + (7 if task.observe_command else 0)
+
+    def position(self) -> Array:
+        """What is observed beside the joints, (N, 3) m."""
+        raise NotImplementedError
+
+    def shown(self) -> Array:
+        """What else is observed, from what was measured last; (N, `shown_size`)."""
+        raise NotImplementedError
+
+    def judged(self) -> Array:
+        """See `Environment`."""
+        raise NotImplementedError
+
+    def landmarks(self) -> Array:
+        """See `Environment`."""
+        return self.judged()[:, None]
+
+    def reward(self) -> Array:
+        """The task's reward for the present state, (N,)."""
+        raise NotImplementedError
+
+    def failed(self) -> Array:
+        """Which simulations have failed for good, (N,) bool."""
+        return self.arms.unstable()
+
+    def place_object(self, ids: Array) -> Array | None:
+        """Poses (n, 7) that the objects of these simulations start at, None without objects."""
+        return None
+
+    def privileged(self) -> Array:
+        """See `Environment`."""
+        return np.zeros((self.num, 0), dtype=np.float32)
+
+    def reset(self, ids: Array, skill: Array) -> None:
+        """See `Environment`."""
+        self._past.clear()
+        self._place(ids)
+        self._begin(ids, skill)
+        self._measured = self._true().astype(np.float32)
+
+    def begin(self, ids: Array, rows: Array, skill: Array) -> None:
+        """See `Environment`."""
+        self.arms.restore(ids, rows)
+        self._begin(ids, skill)
+
+    def _place(self, ids: Array) -> None:
+        self._put(ids, self.place_object(ids))
+
+    def _put(self, ids: Array, object_pose: Array | None) -> None:
+        self.arms.place(ids, self._start + self._start_offset[ids], object_pose)
+
+    def _begin(self, ids: Array, skill: Array) -> None:
+        self._elapsed[ids] = 0
+        self.target[ids] = self.goals[skill]
+        if self._sensors is not None:
+            self._sensors.begin(ids, self._true()[ids])
+
+    def _true(self) -> Array:
+        """What perfect sensors would report, (N, 10); the arm computes its gripper position from its joint angles.
+
+        A task may add columns that its look needs as late as these.
+        """
+        position = self.position()
+        if self._joint_offset is not None:
+            position = position + self.arms.reported_shift(self._joint_offset)
+        return np.concatenate([self.arms.joint_position, position], axis=1)
+
+    def observe(self) -> Array:
+        """See `Environment`."""
+        observation = np.empty((self.num, self.observation_size), dtype=np.float32)
+        if self._sensors is None:
+            observation[:, :7] = self.arms.joint_position
+            observation[:, 7:10] = self.position()
+            self._measured = observation[:, :10]
+        else:
+            self._measured = self._sensors.read().astype(np.float32)
+            observation[:, :10] = self._measured[:, :10]
+        if self.shown_size:
+            observation[:, 10 : 10 + self.shown_size] = self.shown()
+        if self._observe_command:
+            observation[:, -7:] = self._commanded() - observation[:, :7]
+        return observation
+
+    def perturb(self, parameters: Mapping[str, Array], rng: Rng) -> None:
+        """See `Environment`."""
+        self.arms.perturb(parameters)
+        start = np.broadcast_to(parameters.get("start_offset", 0.0), (self.num, 7))
+        offset = parameters.get("joint_offset")
+        self._joint_offset = offset if offset is not None and offset.any() else None
+        # The arm goes where its encoders say the start is. From there on an offset that commands share with angles has no
+        # effect on increments: the servo closes its loop on the same encoder.
+        self._start_offset = start if self._joint_offset is None else start - self._joint_offset
+        self._sensors = self._disturbance = None
+        if disturbance.needed(parameters):
+            self._disturbance = Disturbance(parameters, self.num, self.arms.substeps, self.control_period, rng)
+        if sensors.needed(parameters):
+            true = self._true()
+            self._sensors = Sensors(parameters, self.num, self.control_period, rng, true.shape[1])
+            self._sensors.begin(np.arange(self.num), true)
+
+    def step(self, action: Array) -> Step:
+        """See `Environment`."""
+        before = self._commanded()
+        self.applied = self._move(self.arms.action_limit * action)
+        self._past.append((self._measured[:, :7], before))
+        self._elapsed += 1
+        self.unstable, failed = self.arms.unstable(), self.failed()
+        if failed.any():  # a failed episode ends in a clear state, at the start, and never in NaN
+            self._place(np.flatnonzero(failed))
+        if self._sensors is not None:
+            self._sensors.advance(self._true())
+            if failed.any():
+                self._sensors.begin(np.flatnonzero(failed), self._true()[failed])
+        reward = np.where(failed, self.failure_reward, self.reward())
+        return Step(self.observe(), reward, failed, self._elapsed >= self.horizon)
+
+    def wake(self, ids: Array | None) -> None:
+        """See `Environment`."""
+        self.arms.awake = ids
+
+    def look(self) -> Sighting:
+        """See `Environment`: joints and their velocities, the targets commanded of late, and the pose of the object."""
+        steps = min(2, len(self._past))  # over one step the noise of the sensors would drown the velocity
+        velocity = np.zeros((self.num, 7))
+        if steps:
+            velocity[:] = (self._measured[:, :7] - self._past[-steps][0]) / (steps * self.control_period)
+        commands = [command for _, command in self._past]
+        commands = [*commands, self._commanded()]
+        commands = [commands[0]] * (REMEMBERED + 1 - len(commands)) + commands
+        object_pose = self.object_seen()
+        parts = (self._measured[:, :7], velocity, *commands, *(() if object_pose is None else (object_pose,)))
+        return Sighting(np.concatenate(parts, axis=1), self.judged_seen(object_pose))
+
+    def object_seen(self) -> Array | None:
+        """Pose of the object as a camera shows it, (N, 7), None without one."""
+        return None
+
+    def judged_seen(self, object_pose: Array | None) -> Array:
+        """Where the judged point seems to be, (N, 3) m."""
+        return self._measured[:, 7:].astype(float)
+
+    def imagine(self, ids: Array, state: Array, sag: Array | None = None) -> None:
+        """See `Environment`."""
+        joints, velocity, rest = state[:, :7], state[:, 7:14], state[:, 14:]
+        commands = rest[:, : 7 * (REMEMBERED + 1)].reshape(len(ids), REMEMBERED + 1, 7)
+        pose = rest[:, 7 * (REMEMBERED + 1) :]
+        self.arms.assume(ids, joints, velocity, commands, pose if pose.shape[1] else None, sag)
+
+    def _commanded(self) -> Array:
+        """Commanded targets as the controller shows them, (N, 7) rad: they share the offset of the encoders."""
+        if self._joint_offset is None:
+            return self.arms.commanded.copy()
+        shown: Array = self.arms.commanded + self._joint_offset
+        return shown
+
+    def _move(self, increment: Array) -> Array:
+        if self._disturbance is None:
+            return self.arms.move(increment)
+        lateness, forces = self._disturbance.lateness(), self._disturbance.forces()
+        if forces is None:
+            return self.arms.move(increment, lateness)
+        self.arms.knock(*forces)
+        applied = self.arms.move(increment, lateness)
+        self.arms.release()
+        return applied
+
+    def violations(self) -> Array:
+        """See `Environment`."""
+        if self._clearance is None:
+            self._clearance = Clearance(self.arms.model)
+        past = self.arms.past_range().max(axis=1) > RANGE_TOLERANCE
+        fast = (np.abs(self.arms.joint_velocity) > self._speed_limit).any(axis=1)
+        deep = self._clearance.depth(*self.arms.geom_frames()) > self.table_tolerance
+        return np.stack([past, fast, deep], axis=1)
+
+    def save(self, ids: Array) -> Array:
+        """See `Environment`."""
+        return self.arms.save(ids)
+
+    def restore(self, ids: Array, rows: Array) -> None:
+        """See `Environment`."""
+        self.arms.restore(ids, rows)
+        if self._sensors is not None:
+            self._sensors.settle(ids, self._true()[ids])
+
+    def snapshot(self) -> dict[str, Array]:
+        """See `Environment`."""
+        return {
+            "joint_position": self.arms.joint_position,
+            "gripper_position": self.arms.gripper_position.copy(),
+        }

@@ -1,0 +1,327 @@
+"""N arms side by side on `mujoco.batch`, in closed loop: the one engine of training, planning and transfer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+import skillcli.robots.quiet  # noqa: F401
+from skillcli.robots.sawyer import GRIPPER, LIMIT_MARGIN, NAMES, Names
+from skillcli.simulation import table
+
+Array = NDArray[Any]
+# Positions and velocities at the new state; a persistent batch goes on from there, so they cost nothing extra.
+_NEW_STATE = int(mujoco.mjtStage.mjSTAGE_VEL)
+
+OBJECT = "box"
+CONTACT_FORCE = "contact_force"  # the sensor of what touches the arm, in scenes that have one
+
+# A simulation beyond these is unstable: whole turns of a joint or hundreds of metres, and speeds of another world.
+_FARTHEST, _FASTEST = 100.0, 1000.0
+
+
+class Arms:
+    """N simulations of one model whose arm is driven by increments of a commanded joint target.
+
+    The target, not the measured position, is integrated: with the wrist's 9 N·m, `measured + 0.04` stalls at 0.018 rad.
+    It lives in the simulation's control vector, so a saved row is the whole state.
+
+    Args:
+        model: has seven joints with one position servo each, whose controls follow each other in that order, the site
+            "gripper" and the geom "table"; it may have one object, a body "box" with a free joint and a geom of that name.
+        num: simulations.
+        substeps: physics steps per control step.
+        action_limit: largest joint increment per control step, rad.
+        threads: of the engine; results do not depend on it. 0 takes all cores.
+        names: what the model calls its joints, servos and finger.
+    """
+
+    # The target may lead the arm by this much, rad: the servos lag 0.08 rad at full speed, and an arm that is held back
+    # must not wind its target up.
+    LEASH = 0.2
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        num: int,
+        substeps: int,
+        action_limit: float,
+        threads: int = 0,
+        names: Names = NAMES,
+    ) -> None:
+        self.model, self.num, self.substeps, self.action_limit = model, num, substeps, action_limit
+        self.batch = Batch(model, num, threads, persistent=True)
+        self.names = names
+        servos = [model.actuator(name).id for name in names.servos]
+        self._stiffness = -model.actuator_biasprm[servos, 1]  # N·m/rad
+        limited = model.actuator_forcelimited[servos].astype(bool)
+        strength = np.where(limited, model.actuator_forcerange[servos, 1], np.inf)  # N·m
+        self.largest_sag = strength / self._stiffness  # (7,) rad: what no servo can hold against would drive a joint away
+        joints = [model.joint(name) for name in names.joints]
+        self._qpos_address = np.array([joint.qposadr[0] for joint in joints])
+        self._dof_address = np.array([joint.dofadr[0] for joint in joints])
+        limits = np.array([joint.range if model.jnt_limited[joint.id] else (-np.inf, np.inf) for joint in joints])
+        self._range = limits
+        first = model.actuator_ctrladr[servos[0]]
+        own = slice(first, first + len(servos))
+        told = np.where(model.actuator_ctrllimited[own, None], model.actuator_ctrlrange[own], (-np.inf, np.inf))
+        # no target that the joint cannot get to, or that its servo does not take
+        self._low = np.maximum(limits[:, 0] + LIMIT_MARGIN, told[:, 0])
+        self._high = np.minimum(limits[:, 1] - LIMIT_MARGIN, told[:, 1])
+        self._qpos, self._ctrl = self.batch.bind("qpos"), self.batch.bind("ctrl")[:, first : first + len(servos)]
+        self._site = self.batch.bind("site_xpos")[:, model.site(GRIPPER).id]
+        self._has_object = any(model.joint(j).name == OBJECT for j in range(model.njnt))
+        if self._has_object:
+            joint = model.joint(OBJECT)
+            self._object_qpos = slice(joint.qposadr[0], joint.qposadr[0] + 7)
+            self._object_qvel = slice(joint.dofadr[0], joint.dofadr[0] + 6)
+        if any(model.sensor(k).name == CONTACT_FORCE for k in range(model.nsensor)):
+            first = model.sensor(CONTACT_FORCE).adr[0]
+            self._contact_force = slice(first, first + 3)
+        self._qvel = self.batch.bind("qvel")
+        self._default_row = self.batch.state[0].copy()
+        self.awake: Array | None = None  # ids of the simulations that move; None for all, the others cost nothing
+        self._perturbed: set[str] = set()  # model fields that differ between simulations
+        self._memory = _Memory(self.batch, servos, substeps)
+
+    @property
+    def joint_position(self) -> Array:
+        """True joint angles, (N, 7) rad."""
+        arm: Array = self._qpos[:, self._qpos_address]
+        return arm
+
+    @property
+    def commanded(self) -> Array:
+        """Commanded joint targets, delayed ones too, (N, 7) rad; a live view."""
+        target: Array = self._ctrl
+        return target
+
+    @property
+    def joint_velocity(self) -> Array:
+        """True joint speeds, (N, 7) rad/s."""
+        speed: Array = self._qvel[:, self._dof_address]
+        return speed
+
+    def past_range(self) -> Array:
+        """How far each joint is past the end of its range, (N, 7) rad; negative inside."""
+        low, high = self._range.T
+        arm = self.joint_position
+        past: Array = np.maximum(low - arm, arm - high)
+        return past
+
+    def geom_frames(self) -> tuple[Array, Array]:
+        """Positions (N, G, 3) m and rotation matrices (N, G, 9) of all geoms; live views."""
+        return self.batch.bind("geom_xpos"), self.batch.bind("geom_xmat")
+
+    @property
+    def gripper_position(self) -> Array:
+        """The judged site in the base frame, (N, 3) m; a live view."""
+        site: Array = self._site
+        return site
+
+    @property
+    def object_pose(self) -> Array:
+        """Pose of the object in the base frame, (N, 7) m and w x y z; a live view."""
+        pose: Array = self._qpos[:, self._object_qpos]
+        return pose
+
+    @property
+    def object_velocity(self) -> Array:
+        """Velocity of the object, linear in the base frame and angular in its own, (N, 6) m/s and rad/s; a live view."""
+        velocity: Array = self._qvel[:, self._object_qvel]
+        return velocity
+
+    @property
+    def contact_force(self) -> Array:
+        """Net force of the arm on all that it touches, in the last physics step, (N, 3) N; a live view."""
+        force: Array = self.batch.bind("sensordata")[:, self._contact_force]
+        return force
+
+    def place(self, ids: Array, joint_position: Array, object_pose: Array | None = None) -> None:
+        """Put arms at rest at joint positions (n, 7) rad, clipped to the joint range, their servos holding them there.
+
+        The object, where there is one, is put at poses (n, 7) m and w x y z, at rest.
+        """
+        q = np.clip(joint_position, self._low, self._high)
+        self.assume(ids, q, np.zeros_like(q), q[:, None], object_pose)
+
+    def assume(
+        self,
+        ids: Array,
+        joint_position: Array,
+        joint_velocity: Array,
+        commands: Array,
+        object_pose: Array | None = None,
+        sag: Array | None = None,
+    ) -> None:
+        """Put arms into a state of motion; the object, where there is one, rests.
+
+        Args:
+            ids: (n,) simulations.
+            joint_position: (n, 7) rad.
+            joint_velocity: (n, 7) rad/s.
+            commands: (n, c, 7) rad, the commanded targets of the last control steps, the present one last; before them, the
+                first of them held.
+            object_pose: (n, 7) m and w x y z.
+            sag: (n, 7) rad, how far from their targets the joints come to rest: from now on a torque pulls them there. Part of
+                the state; `largest_sag` at most.
+        """
+        self.batch.state[ids] = self._default_row
+        self._qpos[np.ix_(ids, self._qpos_address)] = joint_position
+        self._qvel[np.ix_(ids, self._dof_address)] = joint_velocity
+        if object_pose is not None:
+            self._qpos[ids, self._object_qpos] = object_pose
+        if sag is not None:
+            self.batch.bind("qfrc_applied")[np.ix_(ids, self._dof_address)] = self._stiffness * sag
+        self._ctrl[ids] = commands[:, -1]
+        self._memory.fill(ids, commands)  # else the servos would first obey a memory of zeros
+        self.batch.forward(np.sort(ids), stage=_NEW_STATE)
+
+    def move(self, increment: Array, lateness: Array | None = None) -> Array:
+        """Add increments (N, 7) rad to the commanded targets and advance by one control step.
+
+        Args:
+            increment: of each joint's target.
+            lateness: (N,) physics steps, of this control step, in which the targets before still hold.
+
+        Returns:
+            (N, 7) rad: the increments after clipping to the action limit.
+        """
+        increment = np.clip(increment, -self.action_limit, self.action_limit)
+        measured = self.joint_position
+        target = np.clip(self._ctrl + increment, measured - self.LEASH, measured + self.LEASH)
+        target = np.clip(target, self._low, self._high)
+        done = 0
+        for late in np.unique(lateness) if lateness is not None else (0,):
+            if late > done:
+                self.batch.step(self.awake, nstep=int(late - done), stage=_NEW_STATE)
+                done = late
+            due = slice(None) if lateness is None else lateness == late
+            self._ctrl[due] = target[due]
+        if done < self.substeps:
+            self.batch.step(self.awake, nstep=int(self.substeps - done), stage=_NEW_STATE)
+        return increment
+
+    def save(self, ids: Array) -> Array:
+        """Whole simulator states, (n, S); valid for the same model and MuJoCo version only."""
+        rows: Array = self.batch.state[ids]
+        return rows
+
+    def restore(self, ids: Array, rows: Array) -> None:
+        """Put saved states into these slots."""
+        self.batch.state[ids] = rows
+        self.batch.forward(np.sort(ids), stage=_NEW_STATE)
+
+    def perturb(self, parameters: Mapping[str, Array]) -> None:
+        """Make each simulation a robot of its own, whatever it was; see `skillcli.config.randomization.PARAMETERS`.
+
+        Args:
+            parameters: (N,) or (N, 7) by name; what is absent stays as in the model. Start and sensors are not the
+                engine's business.
+        """
+        batch, model = self.batch, self.model
+        dofs = np.array([model.joint(name).dofadr[0] for name in self.names.joints])
+        links = np.array([model.joint(name).bodyid[0] for name in self.names.joints])
+        servos = np.array([model.actuator(name).id for name in self.names.servos])
+        top = model.geom("table").id
+        touching = np.array(
+            [model.geom(name).id for name in ("table", *((OBJECT, *self.names.finger) if self._has_object else ()))]
+        )
+        objects = np.array([model.body(OBJECT).id] if self._has_object else [], dtype=int)
+        boxes = np.array([model.geom(OBJECT).id] if self._has_object else [], dtype=int)
+        changed: dict[str, list[tuple[str, tuple[Any, ...], int]]] = {
+            # parameter: model field, where in it, and to which power it multiplies; 0: it is added
+            "link_mass": [("body_mass", (links,), 1), ("body_inertia", (links,), 1)],
+            "link_inertia": [("body_inertia", (links,), 1)],
+            "armature": [("dof_armature", (dofs,), 1)],
+            "gravity_compensation": [("body_gravcomp", (slice(None),), 1)],
+            "object_mass": [("body_mass", (objects,), 1), ("body_inertia", (objects,), 1)],
+            # bounding volumes follow from the size in set_const
+            "object_size": [("geom_size", (boxes,), 1), ("body_inertia", (objects,), 2)],
+            "joint_damping": [("dof_damping", (dofs,), 1)],
+            "joint_friction": [("dof_frictionloss", (dofs,), 1)],
+            # kp stands in gain and bias, kv in the bias: kv is scaled too, since dampratio is fixed at compile time
+            "gain": [("actuator_gainprm", (servos,), 1), ("actuator_biasprm", (servos,), 1)],
+            "contact_friction": [("geom_friction", (touching, slice(0, 1)), 1)],
+            "table_height": [("geom_pos", (top, slice(2, 3)), 0)],
+            "table_tilt": [("geom_pos", (top,), 0), ("geom_quat", (top,), 0)],
+            "latency": [("actuator_delay", (servos,), 0)],
+        }
+        drawn = {name: values for name, values in parameters.items() if name in changed}
+        self._perturbed |= {field for name in drawn for field, _, _ in changed[name]}
+        live = {field: batch.expand(field) for field in sorted(self._perturbed)}
+        for field, values in live.items():
+            values[:] = getattr(model, field)
+        if "table_tilt" in drawn:
+            self._tilt_table(live, top, drawn.pop("table_tilt"))
+        for name in sorted(drawn):
+            for field, where, power in changed[name]:
+                values, at = live[field], (slice(None), *where)
+                change = drawn[name].reshape(self.num, -1, *(1,) * (values[at].ndim - 2))
+                values[at] = values[at] * change**power if power else values[at] + change
+        batch.set_const()
+
+    def _tilt_table(self, live: Mapping[str, Array], top: int, tilt: Array) -> None:
+        """Turn the table about the middle of its top, by rotation vectors (N, 2) rad."""
+        half = self.model.geom_size[top, 2]
+        upright = np.array([0.0, 0.0, 1.0])
+        live["geom_pos"][:, top] += half * (upright - table.normal(tilt))
+        live["geom_quat"][:, top] = table.quaternion(tilt)
+
+    def knock(self, arm: Array, box: Array) -> None:
+        """Let forces (N, 3) N act on the last link and on the box, where there is one, until `release`."""
+        forces = self.batch.bind("xfrc_applied")
+        forces[:, self.model.site("gripper").bodyid[0], :3] = arm
+        if self._has_object:
+            forces[:, self.model.body(OBJECT).id, :3] = box
+
+    def release(self) -> None:
+        """End what `knock` began."""
+        self.batch.bind("xfrc_applied")[:] = 0.0
+
+    def reported_shift(self, offset: Array) -> Array:
+        """How far the gripper position computed from joint angles is off that are off by (N, 7) rad, (N, 3) m; first order."""
+        joints = [self.model.joint(name).id for name in self.names.joints]
+        axis, anchor = self.batch.bind("xaxis")[:, joints], self.batch.bind("xanchor")[:, joints]
+        shift: Array = np.einsum("nj,njk->nk", offset, np.cross(axis, self._site[:, None] - anchor))
+        return shift
+
+    def unstable(self) -> Array:
+        """(N,) bool: whose state is no longer finite, or no longer of this world."""
+        far, fast = np.abs(self._qpos).max(axis=1), np.abs(self._qvel).max(axis=1)
+        broken: Array = ~((far < _FARTHEST) & (fast < _FASTEST))
+        return broken
+
+
+class _Memory:
+    """What servos remember of their commands: those that are delayed, and the state of those that filter them."""
+
+    def __init__(self, batch: Batch, servos: list[int], substeps: int) -> None:
+        model, self._substeps = batch.model, substeps
+        self._history, self._act = batch.bind("history"), batch.bind("act")  # (N, 0) where nothing is remembered
+        # per actuator: two counters, n times, n values
+        self._values = [
+            (joint, model.actuator_historyadr[servo] + 2 + samples + np.arange(samples))
+            for joint, servo in enumerate(servos)
+            if (samples := model.actuator_history[servo, 0])
+        ]
+        self._filters = [(joint, adr) for joint, servo in enumerate(servos) if (adr := model.actuator_actadr[servo]) >= 0]
+
+    def fill(self, ids: Array, commands: Array) -> None:
+        """Let the servos of these simulations remember the targets of the last control steps, and nothing older.
+
+        Args:
+            ids: (n,) simulations.
+            commands: (n, c, 7) rad, the present target last; before the first, the first was held.
+        """
+        last = commands.shape[1] - 1
+        for joint, values in self._values:
+            steps_ago = np.arange(len(values) - 1, -1, -1) // self._substeps
+            self._history[np.ix_(ids, values)] = commands[:, np.maximum(last - steps_ago, 0), joint]
+        for joint, address in self._filters:
+            self._act[ids, address] = commands[:, -1, joint]

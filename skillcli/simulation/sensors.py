@@ -1,0 +1,97 @@
+"""Sensors that report the true state late, off by a constant, drifting and noisy.
+
+They belong to the robot and its episode, not to the simulator's state: saved states hold none of this. A simulation that is
+put somewhere by hand has stood there, as far as a late sensor knows; its drift goes on, and a new episode begins a new one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from skillcli.simulation.chance import Chance, Rng
+from skillcli.trajectories import Array
+
+JOINTS, POSITION = slice(0, 7), slice(7, 10)
+USED = (
+    "observation_latency", "joint_noise", "position_noise", "joint_drift", "position_drift", "joint_offset", "position_offset",
+)  # fmt: skip
+
+
+def needed(parameters: Mapping[str, Array]) -> bool:
+    """Whether anything is measured otherwise than it is."""
+    return any(name in parameters and np.any(parameters[name]) for name in USED)
+
+
+class Sensors:
+    """What N simulations measure: seven joint angles, rad, and one position, m, together (N, 10).
+
+    True states may have more columns than these ten; they are as late, and otherwise as they were.
+
+    A late reading lies between the two control steps around its time, on a straight line. Drift is an autoregressive process
+    of first order, the Ornstein-Uhlenbeck process at the times of the control steps: it keeps its standard deviation, and
+    its correlation after a time t is exp(-t / drift_time).
+
+    Args:
+        parameters: (N,) or (N, n) by name, see `skillcli.config.randomization.PARAMETERS`.
+        num: simulations.
+        period: between two control steps, s.
+        rng: of all noise, one for all or one for each.
+        columns: of the true states.
+    """
+
+    def __init__(self, parameters: Mapping[str, Array], num: int, period: float, rng: Rng, columns: int = 10) -> None:
+        self._chance, self._each = Chance(rng), np.arange(num)
+        self._white = _pair(parameters, num, "joint_noise", "position_noise")
+        self._spread = _pair(parameters, num, "joint_drift", "position_drift")
+        self._offset = np.zeros((num, 10))
+        self._offset[:, JOINTS] = parameters.get("joint_offset", 0.0)
+        self._offset[:, POSITION] = parameters.get("position_offset", 0.0)
+        time = parameters.get("drift_time", np.zeros(num))[:, None]
+        self._keeps = np.exp(-period / np.maximum(time, 1e-9))  # of the drift from one step to the next
+        self._drift = np.zeros((num, 10))
+        age = parameters.get("observation_latency", np.zeros(num)) / period  # in control steps
+        self._late = np.floor(age).astype(np.int64)
+        self._between = (age - self._late)[:, None]
+        self._past = np.zeros((int(self._late.max(initial=0)) + 2, num, columns))  # the newest first
+
+    def begin(self, ids: Array, true: Array) -> None:
+        """Begin new episodes of these simulations in true states (n, columns)."""
+        self.settle(ids, true)
+        if self._spread.any():
+            self._drift[ids] = self._spread[ids] * self._chance.normal("drift", (len(ids), 10), ids)
+
+    def settle(self, ids: Array, true: Array) -> None:
+        """Let these simulations have stood in true states (n, columns) for as long as any sensor is late."""
+        self._past[:, ids] = true
+
+    def advance(self, true: Array) -> None:
+        """A control step has passed and led to true states (N, columns)."""
+        self._past = np.roll(self._past, 1, axis=0)
+        self._past[0] = true
+        if self._spread.any():
+            fresh = self._spread * self._chance.normal("drift", self._drift.shape, self._each)
+            self._drift = self._keeps * self._drift + np.sqrt(1 - self._keeps**2) * fresh
+
+    def read(self) -> Array:
+        """What is measured now, (N, columns)."""
+        newer, older = self._past[self._late, self._each], self._past[self._late + 1, self._each]
+        measured: Array = newer + self._between * (older - newer)
+        measured[:, :10] += self._offset + self._drift
+        if self._white.any():
+            measured[:, :10] += self._white * self._chance.normal("noise", self._white.shape, self._each)
+        return measured
+
+    def angle_error(self, arm: Array) -> Array:
+        """White noise on an angle that is read off two positions `arm` (N,) m apart, (N,) rad."""
+        error: Array = self._white[:, -1] / arm * self._chance.normal("angle", arm.shape, self._each)
+        return error
+
+
+def _pair(parameters: Mapping[str, Array], num: int, joint: str, position: str) -> Array:
+    """Standard deviations for the ten measured values, (N, 10)."""
+    spread = np.zeros((num, 10))
+    for name, where in ((joint, JOINTS), (position, POSITION)):
+        spread[:, where] = parameters.get(name, np.zeros(num))[:, None]
+    return spread

@@ -1,0 +1,1 @@
+"""Tasks, one room each, and the registry of them."""

@@ -1,0 +1,1 @@
+"""Move a point in the plane; no physics."""

@@ -1,0 +1,109 @@
+"""The point task: a position in the plane, moved by velocity. The test bed of the method, without physics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from skillcli.recipe import PointTask
+from skillcli.simulation.chance import Chance, Rng
+from skillcli.simulation.environment import Array, Sighting, Step
+
+
+class PointEnvironment:
+    """N points that start at the origin.
+
+    Observation (2): the position, m. Action (2): a move in units of the step limit. Reward: minus the distance to the
+    goal, m.
+    """
+
+    observation_size = 2
+    action_size = 2
+    privileged_size = 0
+
+    def __init__(self, task: PointTask, num: int) -> None:
+        self.num, self.horizon, self.tolerance = num, task.horizon, task.tolerance
+        self.control_period = task.control_period
+        self._nominal_limit = task.step_limit
+        self._step_limit: Array = np.full((num, 1), task.step_limit)
+        self._bound = task.bound
+        self._noise: Array | None = None  # sensor noise of a transfer domain, (N, 1) m
+        self._chance = Chance(np.random.default_rng(0))
+        self.goals = np.array([[*goal, 0.0] for goal in task.goals])
+        self.target = np.zeros((num, 3))
+        self._position = np.zeros((num, 2))
+        self._elapsed = np.zeros(num, dtype=np.int64)
+        self.applied, self.unstable = np.zeros((num, 2)), np.zeros(num, dtype=bool)
+
+    def reset(self, ids: Array, skill: Array) -> None:
+        """See `Environment`."""
+        self.begin(ids, np.zeros((len(ids), 2)), skill)
+
+    def begin(self, ids: Array, rows: Array, skill: Array) -> None:
+        """See `Environment`."""
+        self.restore(ids, rows)
+        self._elapsed[ids] = 0
+        self.target[ids] = self.goals[skill]
+
+    def observe(self) -> Array:
+        """See `Environment`."""
+        self._seen = self._position.astype(np.float32)
+        if self._noise is not None:
+            self._seen += (self._noise * self._chance.normal("noise", (self.num, 2), np.arange(self.num))).astype(np.float32)
+        return self._seen
+
+    def privileged(self) -> Array:
+        """See `Environment`."""
+        return np.zeros((self.num, 0), dtype=np.float32)
+
+    def perturb(self, parameters: Mapping[str, Array], rng: Rng) -> None:
+        """See `Environment`: the mean gain of the moves and the position noise; nothing else has a meaning here."""
+        gain = parameters.get("gain", np.ones((self.num, 1)))
+        self._step_limit = self._nominal_limit * gain.mean(axis=1, keepdims=True)
+        noise = parameters.get("position_noise")
+        self._noise, self._chance = None if noise is None else noise[:, None], Chance(rng)
+
+    def step(self, action: Array) -> Step:
+        """See `Environment`."""
+        self.applied = self._step_limit * np.clip(action, -1.0, 1.0)
+        np.clip(self._position + self.applied, -self._bound, self._bound, out=self._position)
+        self._elapsed += 1
+        reward = -np.linalg.norm(self._position - self.target[:, :2], axis=1)
+        return Step(self.observe(), reward, np.zeros(self.num, dtype=bool), self._elapsed >= self.horizon)
+
+    def look(self) -> Sighting:
+        """See `Environment`."""
+        return Sighting(self._seen.astype(float), np.concatenate([self._seen, np.zeros((self.num, 1))], axis=1))
+
+    def imagine(self, ids: Array, state: Array, sag: Array | None = None) -> None:
+        """See `Environment`; a point goes where it is sent."""
+        self.restore(ids, np.clip(state, -self._bound, self._bound))
+
+    def wake(self, ids: Array | None) -> None:
+        """See `Environment`; points cost nothing."""
+
+    def judged(self) -> Array:
+        """See `Environment`."""
+        return np.concatenate([self._position, np.zeros((self.num, 1))], axis=1)
+
+    def landmarks(self) -> Array:
+        """See `Environment`."""
+        return self.judged()[:, None]
+
+    def save(self, ids: Array) -> Array:
+        """See `Environment`."""
+        rows: Array = self._position[ids]
+        return rows
+
+    def restore(self, ids: Array, rows: Array) -> None:
+        """See `Environment`."""
+        self._position[ids] = rows
+
+    def violations(self) -> Array:
+        """See `Environment`; a point has no limits."""
+        return np.zeros((self.num, 0), dtype=bool)
+
+    def snapshot(self) -> dict[str, Array]:
+        """See `Environment`."""
+        return {"position": self._position.copy()}

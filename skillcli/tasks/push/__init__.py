@@ -1,0 +1,1 @@
+"""Push a box over the table."""

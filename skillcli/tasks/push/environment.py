@@ -1,0 +1,362 @@
+"""The push task: the Sawyer's finger pushes a box over the table, with real contact and friction."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import cached_property
+
+import mujoco
+import numpy as np
+
+from skillcli.errors import UsageError
+from skillcli.recipe import ArmTask, PushTask
+from skillcli.robots import sawyer
+from skillcli.robots.robot import Robot
+from skillcli.simulation import table
+from skillcli.simulation.arm_environment import ArmEnvironment
+from skillcli.simulation.arms import CONTACT_FORCE, OBJECT
+from skillcli.simulation.chance import Rng
+from skillcli.simulation.environment import Array
+from skillcli.simulation.safety import BOX_TOLERANCE, SOFT_TABLE_TOLERANCE, UPRIGHT, Cover
+from skillcli.tasks.push.geometry import CONTACT_GAP, climb, place_behind, share
+
+# Contact. The friction cone is elliptic, else friction would depend on the direction of a push; condim 4 adds the torsion
+# that keeps a box from spinning under a finger; impratio makes friction stiffer than the normal force, so that a pushed
+# box does not creep. Impedance rises from nothing over the first millimetres: where a box goes then hangs less on the instant
+# of a touch. Stiff enough to keep the overlap below 3 mm, no stiffer, since the outcome then hangs more on the time step;
+# docs/experiments.md has the study.
+IMPRATIO = 10.0
+TABLE_SOLREF, TABLE_SOLIMP = (0.01, 1.0), (0.0, 0.998, 0.003, 0.5, 1.0)
+FINGER_SOLREF, FINGER_SOLIMP = (0.01, 1.0), (0.0, 0.998, 0.002, 0.5, 1.0)
+TORSION, ROLLING = 0.005, 1e-4  # m, MuJoCo's own
+NET_FORCE = 3  # as contact sensors count their ways to reduce several contacts
+
+CLEARANCE = 0.01  # m: the finger is to keep this far off the table
+START_GAP = 0.002  # m: between arm and box at a start
+FIRM, CRUSHING = 2.0, 10.0  # weights of the nominal box: downward forces from which on pressing costs, and costs no more
+LEANING = math.cos(0.2)  # of the angle from upright beyond which a box leans: no domain tilts a table by more rad
+LIFTED = 0.05  # m above its rest: a box that flies
+THROWN = 2.0  # m/s: four times what the fastest push gives it
+# Reward of losing the box, else losing it would end the costs: worse than to stand still for good with the box 30 cm from its
+# goal, which is the farthest that the shipped recipes start, at a discount of 0.97 a step.
+LOST = -30.0
+
+
+def push_spec(task: PushTask, delay: bool = False, robot: Robot | None = None) -> mujoco.MjSpec:
+    """The scene of the task: the arm behind its table, and a box that can move freely."""
+    spec = robot.arm_spec(task, delay) if robot else sawyer.arm_spec(task.timestep, delay)
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = IMPRATIO
+    half = np.array(task.box_size) / 2
+    box = spec.worldbody.add_body(name=OBJECT, pos=[*task.box_start, sawyer.TABLE_TOP + half[2]])
+    box.add_freejoint(name=OBJECT)
+    box.add_geom(
+        name=OBJECT,
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=half,
+        mass=task.box_mass,
+        rgba=[0.85, 0.55, 0.2, 1],
+        condim=4,
+        priority=2,  # what it says holds against the table
+        friction=[task.friction, TORSION, ROLLING],
+        solref=TABLE_SOLREF,
+        solimp=TABLE_SOLIMP,
+    )
+    names = robot.names if robot else sawyer.NAMES
+    spec.add_sensor(
+        name=CONTACT_FORCE,
+        type=mujoco.mjtSensor.mjSENS_CONTACT,
+        objtype=mujoco.mjtObj.mjOBJ_XBODY,  # of a body and all that hangs on it: the arm
+        objname=spec.joint(names.joints[0]).parent.name,
+        intprm=[1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), NET_FORCE, 1],
+    )
+    for name in names.finger:
+        finger = spec.geom(name)
+        finger.priority, finger.condim = 3, 4  # and this against the box
+        finger.friction, finger.solref, finger.solimp = [task.friction, TORSION, ROLLING], FINGER_SOLREF, FINGER_SOLIMP
+    return spec
+
+
+class PushEnvironment(ArmEnvironment):
+    """N Sawyer arms with a box each.
+
+    Observed beside the joints: the gripper's position relative to the box, m, as in the paper. Where the box is on the table
+    follows from the two together, which a network takes long to learn: `task.observe_place` shows that as well. Where it
+    started follows from nothing.
+
+    A goal is a place on the table: the nominal start of the box and the skill's displacement. The judged point is the
+    centre of the box in the plane of the table (z = 0). See `reward` for the shaping and `failed` for lost boxes.
+    """
+
+    # goal, box speed, finger to the point behind the box; friction, mass, stiffness and latency of this robot
+    privileged_size = 11
+    failure_reward = LOST
+    table_tolerance = SOFT_TABLE_TOLERANCE
+
+    def __init__(self, task: PushTask, num: int, threads: int = 0, delay: bool = False, robot: Robot | None = None) -> None:
+        self._task = task
+        self._box_start = np.array(task.box_start)
+        self._table_height, self._box_offset = np.zeros(num), np.zeros((num, 2))
+        self._tilt: Array | None = None  # (N, 2) rad, of the table
+        self._half_edges = np.tile(np.array(task.box_size) / 2, (num, 1))
+        self._robot = np.tile(np.array([1.0, 1.0, 1.0, 0.0]), (num, 1))
+        goals = np.array([[*(self._box_start + goal), 0.0] for goal in task.goals])
+        super().__init__(task, push_spec(task, delay, robot), goals, num, threads, robot)
+        self._weight = task.box_mass * float(np.linalg.norm(self.arms.model.opt.gravity))
+        if not np.allclose(self.arms.object_pose[0, :2], self._box_start):
+            size, place = (", ".join(f"{x:g}" for x in numbers) for numbers in (task.box_size, task.box_start))
+            raise UsageError(
+                f"the arm starts inside the box of ({size}) m at ({place})",
+                "make the box lower, or start the arm higher or beside it: task.start, or start of the robot's file",
+            )
+
+    @classmethod
+    def shows(cls, task: ArmTask) -> int:
+        """See `ArmEnvironment`."""
+        return 2 if isinstance(task, PushTask) and task.observe_place else 0
+
+    def place_object(self, ids: Array) -> Array:
+        """See `ArmEnvironment`; at rest on the table."""
+        pose = np.zeros((len(ids), 7))
+        pose[:, :2] = self._box_start + self._box_offset[ids]
+        pose[:, 2] = self._rest(pose[:, :2], ids)
+        pose[:, 3] = 1.0
+        if self._tilt is not None:
+            pose[:, 3:] = table.quaternion(self._tilt[ids])
+        return pose
+
+    def _place(self, ids: Array) -> None:
+        """Put the arms at their starts, and boxes that would stand in an arm beside it."""
+        super()._place(ids)
+        pose = self.arms.object_pose[ids]
+        balls = self._cover.centres(*(values[ids] for values in self.arms.geom_frames()))
+        aside = _way_out(pose[:, :3], self._half_edges[ids] + START_GAP, balls, self._cover.radii)
+        inside = aside.any(axis=1)
+        if inside.any():
+            pose[:, :2] += aside
+            pose[:, 2] = self._rest(pose[:, :2], ids)
+            self._put(ids[inside], pose[inside])
+
+    @cached_property
+    def _cover(self) -> Cover:
+        return Cover(self.arms.model)
+
+    def _rest(self, xy: Array, ids: Array | slice) -> Array:
+        """How high the centre of a box is that lies on the table at places (n, 2) m, (n,) m."""
+        half = self._half_edges[ids, 2]
+        if self._tilt is not None:
+            half = half / table.normal(self._tilt[ids])[:, 2]
+        rest: Array = self._surface(xy, ids) + half
+        return rest
+
+    def _surface(self, xy: Array, ids: Array | slice) -> Array:
+        """How high the tops of these robots' tables are at places (n, 2) m, (n,) m."""
+        if self._tilt is None:
+            level: Array = sawyer.TABLE_TOP + self._table_height[ids]
+            return level
+        return table.surface(xy, self._table_height[ids], self._tilt[ids])
+
+    def position(self) -> Array:
+        """See `ArmEnvironment`."""
+        return self.arms.gripper_position - self.arms.object_pose[:, :3]
+
+    def shown(self) -> Array:
+        """See `ArmEnvironment`; where on the table the box seems to be, m."""
+        if self._sensors is None:
+            return self.arms.object_pose[:, :2]
+        return self._measured[:, 10:12] - self._measured[:, 7:9]
+
+    def judged(self) -> Array:
+        """See `Environment`."""
+        point = self.arms.object_pose[:, :3].copy()
+        point[:, 2] = 0.0
+        return point
+
+    def landmarks(self) -> Array:
+        """See `Environment`; box and gripper."""
+        return np.stack([self.judged(), self.arms.gripper_position], axis=1)
+
+    def behind(self) -> Array:
+        """Where the finger has to be to push the box straight at its goal, (N, 3) m; half-way up the box."""
+        point: Array = self.arms.object_pose[:, :3].copy()
+        point[:, :2] = place_behind(point[:, :2], self.target[:, :2], self._half_edges[:, :2])
+        return point
+
+    def reward(self) -> Array:
+        """The shaping, per control step; distances in m.
+
+        - minus 2 times the distance of box and goal: what is asked for
+        - minus 0.5 times the finger's way to the point behind the box: leads the finger round the box, since a push from the
+          wrong side makes the first term worse. Straight there, and up to the top of the box first as long as that is in the
+          way (`pushing.climb`). Fades within 3 cm of the goal, where that point jumps.
+        - plus 0.3 times how far inside 5 cm the box is, from 0 at the rim to 1 at the goal: the last centimetres cost a
+          detour round the box, and are worth it
+        - minus 5 times the square of the box's speed, in m/s: it is to be pushed, not struck. Where a struck box stops hangs on
+          the instant and the place of one touch, and differs from robot to robot.
+        - minus 10 times how far the finger is lower than 1 cm above the table; of a box lower than 4 cm a quarter of its height
+          counts instead. Without it fingers lean on the table with up to 200 N.
+        - minus 0.01 times the square of the speed at which the box tips, in rad/s: a push high up a face topples it, and where
+          it then comes to lie is chance.
+        - minus up to 0.3 for pressing down on table or box, from a force of 2 weights of the box to one of 10: a box that is
+          pressed from above sinks into the table. Forces to the sides are free: they are what pushes.
+
+        The step that loses the box earns `LOST` instead.
+        """
+        distance = np.linalg.norm(self.target[:, :2] - self.arms.object_pose[:, :2], axis=1)
+        finger = np.linalg.norm(self.arms.gripper_position - self.behind(), axis=1) + self._climb()
+        inside = np.maximum(0.0, 1.0 - distance / 0.05)
+        struck = (self.arms.object_velocity[:, :2] ** 2).sum(axis=1)
+        gripper = self.arms.gripper_position
+        height = gripper[:, 2] - self._surface(gripper[:, :2], slice(None))
+        low = np.maximum(0.0, np.minimum(CLEARANCE, self._half_edges[:, 2] / 2) - height)
+        weights = -self.arms.contact_force[:, 2] / self._weight
+        pressed = np.clip((weights - FIRM) / (CRUSHING - FIRM), 0.0, 1.0)
+        costs = 5.0 * struck + 0.01 * self._tipping() ** 2 + 10.0 * low + 0.3 * pressed
+        shaped: Array = -2.0 * distance - 0.5 * finger * share(distance) + 0.3 * inside - costs
+        return shaped
+
+    def _climb(self) -> Array:
+        """How much higher the fingers have to be to pass over the box that is in their way, (N,) m."""
+        box = self.arms.object_pose[:, :3]
+        return climb(self.arms.gripper_position, box, self.target[:, :2], self._half_edges)
+
+    def _tipping(self) -> Array:
+        """Speed at which the boxes turn about anything but the vertical, (N,) rad/s."""
+        turning, up = self.arms.object_velocity[:, 3:], self._up()  # in the box's own frame
+        spin = np.einsum("ij,ij->i", turning, up)
+        speed: Array = np.linalg.norm(turning - spin[:, None] * up, axis=1)
+        return speed
+
+    def _up(self) -> Array:
+        """Where the boxes see up, unit vectors (N, 3) in their own frames."""
+        return _up(self.arms.object_pose[:, 3:])
+
+    def violations(self) -> Array:
+        """See `ArmEnvironment`; and boxes that are pressed into the table, or fall over."""
+        return np.column_stack([super().violations(), self._sunk() > BOX_TOLERANCE, self._up()[:, 2] < UPRIGHT])
+
+    def _sunk(self) -> Array:
+        """How far the lowest corners of boxes on the table are below its top, (N,) m."""
+        position, rotation = self.arms.geom_frames()
+        model = self.arms.model
+        top, box = model.geom("table").id, model.geom(OBJECT).id
+        plane, turn = (rotation[:, geom].reshape(-1, 3, 3) for geom in (top, box))
+        centre = np.einsum("ni,nij->nj", position[:, box] - position[:, top], plane)
+        reach = (np.abs(np.einsum("ni,nik->nk", plane[..., 2], turn)) * self._half_edges).sum(axis=1)  # down from there
+        half = model.geom_size[top]
+        on_table = (np.abs(centre[:, :2]) <= half[:2]).all(axis=1)
+        sunk: Array = np.where(on_table, reach + half[2] - centre[:, 2], 0.0)
+        return sunk
+
+    def failed(self) -> Array:
+        """A box that fell off the table, flies or was thrown, or an unstable simulation, (N,) bool."""
+        broken = super().failed()
+        box = np.nan_to_num(self.arms.object_pose[:, :3], posinf=0.0, neginf=0.0)
+        height, rest = box[:, 2], self._rest(box[:, :2], slice(None))
+        speed = np.abs(self.arms.object_velocity[:, :3]).max(axis=1)
+        lost: Array = broken | (height < rest - self._half_edges[:, 2]) | (height > rest + LIFTED) | ~(speed < THROWN)
+        return lost
+
+    def privileged(self) -> Array:
+        """See `Environment`."""
+        box, velocity = self.arms.object_pose, self.arms.object_velocity
+        parts = (
+            self.target[:, :2] - box[:, :2], velocity[:, :2], self.arms.gripper_position - self.behind(), self._robot,
+        )  # fmt: skip
+        return np.concatenate(parts, axis=1, dtype=np.float32, casting="same_kind")
+
+    def perturb(self, parameters: Mapping[str, Array], rng: Rng) -> None:
+        """See `Environment`."""
+        super().perturb(parameters, rng)
+        one, zero = np.ones(self.num), np.zeros(self.num)
+        self._table_height = parameters.get("table_height", zero)
+        self._box_offset = parameters.get("object_offset", np.zeros((self.num, 2)))
+        tilt, size = parameters.get("table_tilt"), parameters.get("object_size", one)
+        self._tilt = tilt if tilt is not None and tilt.any() else None
+        self._half_edges = size[:, None] * np.array(self._task.box_size) / 2
+        gain = parameters.get("gain", np.ones((self.num, 7))).mean(axis=1)
+        friction, mass = parameters.get("contact_friction", one), parameters.get("object_mass", one)
+        self._robot = np.stack([friction, mass, gain, parameters.get("latency", zero) / self.control_period], axis=1)
+
+    def _true(self) -> Array:
+        """See `ArmEnvironment`; and the gripper's own position and how the box has turned, (N, 17)."""
+        seen, pose = super()._true(), self.arms.object_pose
+        return np.concatenate([seen, seen[:, 7:] + pose[:, :3], pose[:, 3:]], axis=1)
+
+    def object_seen(self) -> Array:
+        """See `ArmEnvironment`: its place from the last observation, its angle as uncertain as the place of an edge."""
+        pose = self.arms.object_pose.copy()
+        if self._sensors is None:
+            return pose
+        relative, gripper, turned = np.split(self._measured[:, 7:], [3, 6], axis=1)
+        pose[:, :3] = gripper - relative
+        error = self._sensors.angle_error(self._half_edges[:, :2].mean(axis=1) + CONTACT_GAP)
+        turned = turned / np.linalg.norm(turned, axis=1, keepdims=True)  # between two control steps it is a little short
+        pose[:, 3:] = table.turned(_upright_turn(error), turned)
+        return pose
+
+    def judged_seen(self, object_pose: Array | None) -> Array:
+        """See `ArmEnvironment`."""
+        assert object_pose is not None
+        point = object_pose[:, :3].copy()
+        point[:, 2] = 0.0
+        return point
+
+    def imagine(self, ids: Array, state: Array, sag: Array | None = None) -> None:
+        """See `Environment`; the box lies flat on this robot's own table, however high and tilted the other one is.
+
+        A box that leans on the finger, by more than any table is tilted, is about to fall: it leans here too, its lowest
+        corner on the table.
+        """
+        lying = state.copy()
+        lying[:, -5] = self._rest(state[:, -7:-5], ids)
+        flat = _upright_turn(2 * np.arctan2(state[:, -1], state[:, -4]))  # its turn about the vertical, without any tilt
+        lying[:, -4:] = flat if self._tilt is None else table.turned(table.quaternion(self._tilt[ids]), flat)
+        up = _up(state[:, -4:])
+        leans = (up[:, 2] < LEANING) & (up[:, 2] > UPRIGHT)
+        reach = (np.abs(up) * self._half_edges[ids]).sum(axis=1)  # of the lowest corner, down from the centre
+        lying[leans, -4:] = state[leans, -4:]
+        lying[leans, -5] += (reach - self._half_edges[ids, 2])[leans]
+        super().imagine(ids, lying, sag)
+
+    def snapshot(self) -> dict[str, Array]:
+        """See `Environment`."""
+        return {**super().snapshot(), "object_pose": self.arms.object_pose.copy()}
+
+
+def _up(turned: Array) -> Array:
+    """Where boxes turned by quaternions (n, 4) w x y z see up, unit vectors (n, 3) in their own frames."""
+    w, x, y, z = turned.T
+    return np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1)
+
+
+def _upright_turn(angle: Array) -> Array:
+    """Turns by angles (n,) rad about the vertical as quaternions, (n, 4) w x y z."""
+    zero = np.zeros(len(angle))
+    return np.stack([np.cos(angle / 2), zero, zero, np.sin(angle / 2)], axis=1)
+
+
+def _way_out(box: Array, half: Array, balls: Array, radii: Array) -> Array:
+    """How far boxes have to go sideways, the shortest way each time, until no ball overlaps them, (n, 2) m.
+
+    Between arms on both sides that may be nowhere: it gives up after as many moves as there are balls.
+
+    Args:
+        box: (n, 3) m, centres of boxes that stand along the axes.
+        half: (n, 3) m, half of their edges.
+        balls: (n, P, 3) m, centres.
+        radii: (P,) m.
+    """
+    aside, each = np.zeros((len(box), 2)), np.arange(len(box))
+    for _ in range(len(radii)):
+        away = box[:, None] - balls
+        away[..., :2] += aside[:, None]
+        inside = half[:, None] + radii[:, None] - np.abs(away)  # (n, P, 3) along each axis
+        depth = np.where((inside > 0).all(axis=2), inside[..., :2].min(axis=2), 0.0)
+        if not depth.any():
+            break
+        deepest = depth.argmax(axis=1)
+        axis = inside[each, deepest, :2].argmin(axis=1)
+        aside[each, axis] += np.copysign(depth[each, deepest], away[each, deepest, axis])
+    return aside

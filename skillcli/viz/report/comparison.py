@@ -1,0 +1,284 @@
+"""Tables: what the paper reached, what was reached here, and where that was read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from skillcli.metrics import angle_deg
+from skillcli.viz.report import paper
+from skillcli.viz.report.content import Number, Row, Table
+from skillcli.viz.report.selection import Exhibit, Material
+
+Goal = tuple[float, ...]
+
+SIMULATED = "smaller, but in simulation"
+SHORT = "falls short"
+HOLDS = 0.9  # of the source's success, from which on a transfer is said to hold
+NEAR = 1e-3  # m between goals that are the same
+
+
+def tables(material: Material) -> list[Table]:
+    """Every table that has a line; paper numbers without a counterpart stay, with the command that would give it."""
+    found = [
+        Table("Point: the embedding", list(_point(material))),
+        Table("Reach: eight skills, final distance", list(_reach_skills(material)), "Paper: played on the real robot."),
+        Table("Reach: composed", list(_reach_composed(material))),
+        Table(
+            "Push: four skills, where the box ends", list(_push_skills(material)), "Paper: on the real robot, goals 15 cm away."
+        ),
+        Table("Push: the mean of two neighbouring skills", list(_push_means(material)), "How far the direction is off."),
+        Table("Push: searched to goals outside the trained square", list(_push_searched(material))),
+        Table(
+            "Transfer to robots that differ",
+            list(_transfer(material)),
+            f"“holds” is said from {HOLDS:.0%} of the source's success on. Interval: Wilson, 95 %.",
+        ),
+        Table("Interpolation", list(_interpolation(material)), "Error: fraction of the way against the latent's share."),
+        Table("Training", list(_training(material)), "Of our own; the paper gives no counterpart."),
+    ]
+    return [table for table in found if table.rows]
+
+
+# --- themes -----------------------------------------------------------------------------------------------------------
+
+
+def _point(material: Material) -> Iterator[Row]:
+    for one in material.find("pretrain", "point"):
+        theirs = f"{paper.POINT_EFFICIENCY}"
+        yield _lower(
+            "ellipses over hull of the means", theirs, paper.POINT_EFFICIENCY, one, "{:.3f}", "embedding", "efficiency"
+        )
+        steps = f"{paper.POINT_STEPS:,} until separated"
+        yield _lower("control steps of the training", steps, paper.POINT_STEPS, one, "{:,.0f}", "env_steps")
+
+
+def _reach_skills(material: Material) -> Iterator[Row]:
+    for one in material.find("pretrain", "reach")[:1]:
+        skills = one.value("results", "skills") or []
+        for index, skill in enumerate(skills):
+            goal = _goal(one, skill.get("goal"))
+            theirs = _match(paper.REACH_FINAL, goal)
+            path = ("skills", index, "final_distance_m")
+            yield _distance(f"skill {skill.get('name')} to {_place(goal)}", theirs, one, path, real=True)
+    for one in material.find("transfer-eval", "reach", _bare):
+        yield from _domains(one, f"0 of {len(paper.REACH_FINAL)} within 5 cm (real)", "bare skills")
+
+
+def _reach_composed(material: Material) -> Iterator[Row]:
+    composed = material.find("compose", "reach")
+    for goal, theirs in paper.REACH_UNSEEN.items():
+        made = [one for one in composed if _targets(one) == [goal]]
+        what, asked = f"unseen point {_place(goal)}", f"--method ddpg --goal={','.join(f'{x:g}' for x in goal)}"
+        for one in made:
+            label = f"{what}, {one.value('results', 'method')}"
+            yield _distance(label, theirs, one, ("final_distance_m",), real=True)
+        if not made:
+            yield Row(what, f"{_cm(theirs)} (ddpg, real)", None, "", _compose(material, "reach", asked))
+    for one in [one for one in composed if one.value("results", "task") == "triangle"]:
+        yield _lower(
+            "triangle: planning",
+            "less than 1 min (sim)",
+            paper.TRIANGLE_SECONDS,
+            one,
+            "{:.1f} s",
+            "planning_seconds",
+            group="measured",
+        )
+        closest = [way.get("closest_m") for way in one.value("results", "waypoints") or []]
+        if closest and all(isinstance(near, float) for near in closest):
+            worst = int(np.argmax(closest))
+            yield _lower(
+                "triangle: the vertex passed at the largest distance", "within 5 cm (sim)", paper.TRIANGLE_TOLERANCE,
+                one, "{:.1f} cm", "waypoints", worst, "closest_m", scale=100,
+            )  # fmt: skip
+    for one in material.find("embed-means", "reach"):
+        number = one.value("results", "latent_goal_correlation")
+        if isinstance(number, float):
+            key = "results.latent_goal_correlation"
+            verdict = "better" if number > paper.REACH_CORRELATION else SHORT
+            what = "latent against goal distances, Pearson r"
+            yield Row(what, f"{paper.REACH_CORRELATION}", Number(f"{number:.2f}", one.id, key), verdict)
+
+
+def _push_skills(material: Material) -> Iterator[Row]:
+    for one in material.find("pretrain", "push"):
+        for index, skill in enumerate(one.value("results", "skills") or []):
+            wanted, moved = _goal(one, skill.get("goal")), paper.PUSH_MOVED.get(skill.get("name"))
+            theirs = math.dist(moved, wanted[:2]) if moved and len(wanted) >= 2 else None
+            told = f"{_place(moved)}: {_cm(theirs)} off (real)" if moved and theirs is not None else ""
+            path = ("skills", index, "final_distance_m")
+            yield _distance(f"{skill.get('name')}, {one.name}", theirs, one, path, real=True, told=told)
+    for one in material.find("transfer-eval", "push", _bare):
+        yield from _domains(one, "", "bare skills")
+
+
+def _push_means(material: Material) -> Iterator[Row]:
+    for one in material.find("embed-means", "push"):
+        goals = {name: goal[:2] for name, goal in zip(one.scene.skills, one.scene.goals - _start(one), strict=True)}
+        for index, pair in enumerate(one.value("results", "halfway") or []):
+            a, b = pair.get("from"), pair.get("to")
+            moved, ours = paper.PUSH_MEANS.get(frozenset((a, b))), pair.get("direction_error_deg")
+            if not isinstance(ours, float):
+                continue
+            theirs = angle_deg(np.array(moved), (goals[a] + goals[b]) / 2) if moved and a in goals and b in goals else None
+            verdict = "" if theirs is None else "smaller, but in simulation" if ours < theirs else SHORT
+            key = f"results.halfway[{index}].direction_error_deg"
+            told = "" if theirs is None else f"{_place(moved)}: {theirs:.0f}° off (real)"
+            yield Row(f"{a} and {b}, {one.name}", told, Number(f"{ours:.0f}° off", one.id, key), verdict)
+
+
+def _push_searched(material: Material) -> Iterator[Row]:
+    composed = material.find("compose", "push")
+    for goal, theirs in paper.PUSH_SEARCHED.items():
+        made = [one for one in composed if _targets(one) == [goal]]
+        for one in made:
+            label = f"{_place(goal)}, {one.value('results', 'method')}"
+            yield _distance(label, theirs, one, ("final_distance_m",), real=False)
+        if not made:
+            command = _compose(material, "push", f"--goal={goal[0]:g},{goal[1]:g}")
+            yield Row(_place(goal), f"{_cm(theirs)} (sim)", None, "", command)
+    for one in composed:
+        ends, tolerance = one.value("results", "final_distances_m"), one.scene.tolerance
+        if isinstance(ends, list) and len(ends) > 1 and all(isinstance(end, float) for end in ends):
+            text = f"{sum(end <= 0.02 for end in ends)} of {len(ends)} within 2 cm, worst {_cm(max(ends))}"
+            task = one.value("results", "task")
+            yield Row(
+                f"{task}: {len(ends)} goals",
+                "",
+                Number(text, one.id, "results.final_distances_m"),
+                _within(max(ends), tolerance),
+            )
+
+
+def _transfer(material: Material) -> Iterator[Row]:
+    for one in material.find("transfer-eval", where=lambda one: not _bare(one)):
+        parent = one.artifact.parents[0].id if one.artifact.parents else one.artifact.id
+        yield from _domains(one, paper.PUSH_TRANSFER if one.scene.task == "push" else "", str(parent))
+
+
+def _interpolation(material: Material) -> Iterator[Row]:
+    for one in material.find("compose"):
+        for what, path in (
+            ("error of held latents between skills, all pairs", ("calibration", "mean_error")),
+            ("… half-way, all pairs", ("calibration", "mean_error_at_half")),
+            ("… half-way, neighbours only", ("calibration", "neighbours", "mean_error_at_half")),
+        ):
+            number = one.value("results", *path)
+            if isinstance(number, float):
+                yield Row(f"{what}, {one.name}", "not calibrated", Number(f"{number:.3f}", one.id, _key("results", path)), "")
+
+
+def _training(material: Material) -> Iterator[Row]:
+    for one in material.find("pretrain"):
+        for what, form, group, path in (
+            ("sampled latents that succeed", "{:.1%}", "results", ("success_rate",)),
+            ("control steps", "{:,.0f}", "results", ("env_steps",)),
+            ("wall time", "{:,.1f} s", "measured", ("wall_seconds",)),
+            ("sampling against the bare engine", "{:.2f}", "measured", ("throughput", "sampling_ratio")),
+            ("training against the bare engine", "{:.2f}", "measured", ("throughput", "training_ratio")),
+        ):
+            number = one.value(group, *path)
+            if _is_number(number):
+                yield Row(f"{one.name}: {what}", "", Number(form.format(number), one.id, _key(group, path)), "")
+
+
+# --- rows -------------------------------------------------------------------------------------------------------------
+
+
+def _domains(one: Exhibit, theirs: str, what: str) -> Iterator[Row]:
+    """One line per domain: how many of how many, with the interval, the median distance and what is kept."""
+    for index, domain in enumerate(one.value("results", "domains") or []):
+        kept, median = domain.get("retention"), domain["final_distance_m"]["median"]
+        ended = "all unstable" if median is None else f"median {_cm(median)}"
+        text = f"{domain['successes']} of {domain['episodes']} ({_interval(domain)}), {ended}"
+        verdict = "" if not _is_number(kept) else "holds" if kept >= HOLDS else f"{SHORT}: {kept:.2f} of the source"
+        yield Row(f"{what} on {domain['name']}", theirs, Number(text, one.id, f"results.domains[{index}]"), verdict)
+
+
+def _interval(domain: Mapping[str, Any]) -> str:
+    low, high = domain["ci95"]
+    return "exact" if domain.get("deterministic") else f"{100 * low:.0f}–{100 * high:.0f} %"
+
+
+def _distance(what: str, theirs: float | None, one: Exhibit, path: Sequence[str | int], real: bool, told: str = "") -> Row:
+    """A distance in cm beside the paper's; from its real robot it is never simply better."""
+    where, number = "real" if real else "sim", one.value("results", *path)
+    told = told or ("" if theirs is None else f"{_cm(theirs)} ({where})")
+    if not _is_number(number):
+        return Row(what, told, None, "not recorded")
+    verdict = "" if theirs is None else SHORT if number > theirs else SIMULATED if real else "better"
+    return Row(what, told, Number(_cm(number), one.id, _key("results", path)), verdict)
+
+
+def _lower(
+    what: str, told: str, theirs: float, one: Exhibit, form: str, *path: str | int, group: str = "results", scale: float = 1.0
+) -> Row:
+    """A number of which less is better."""
+    number = one.value(group, *path)
+    if not _is_number(number):
+        return Row(what, told, None, "not recorded")
+    return Row(
+        what, told, Number(form.format(scale * number), one.id, _key(group, path)), "better" if number <= theirs else SHORT
+    )
+
+
+def _within(distance: float, tolerance: float) -> str:
+    return f"all within {_cm(tolerance)}" if distance <= tolerance else f"{SHORT} of {_cm(tolerance)}"
+
+
+# --- reading ----------------------------------------------------------------------------------------------------------
+
+
+def _compose(material: Material, task: str, asked: str) -> str:
+    """The command that composes with the first library of a task: without its id the newest of any task would be taken."""
+    libraries = material.find("embed-means", task) or material.find("pretrain", task)
+    return f"skill compose {libraries[0].artifact.id.series if libraries else 'ID'} {asked}"
+
+
+def _bare(one: Exhibit) -> bool:
+    """Whether a transfer is of skills and not of a composition."""
+    return not len(one.scene.waypoints)
+
+
+def _is_number(item: Any) -> bool:
+    return isinstance(item, float | int) and not isinstance(item, bool) and math.isfinite(item)
+
+
+def _key(group: str, path: Iterable[str | int]) -> str:
+    """A path as it is written: results.skills[0].name."""
+    return group + "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in path)
+
+
+def _start(one: Exhibit) -> Any:
+    """Where goals are counted from, (3,) m: for push where the box starts."""
+    start = one.scene.trajectories.judged[0, 0].copy()
+    if one.scene.task != "push":
+        return np.zeros(3)
+    return np.round(start, 3)
+
+
+def _goal(one: Exhibit, goal: Any) -> Goal:
+    """A goal as it is typed."""
+    return tuple(float(x) for x in np.asarray(goal, dtype=float) - _start(one)[: len(goal)])
+
+
+def _targets(one: Exhibit) -> list[Goal]:
+    """The waypoints of a composition as they are typed, to the millimetre."""
+    size = 2 if one.scene.task == "push" else 3
+    return [tuple(round(float(x), 3) + 0.0 for x in place[:size]) for place in one.scene.waypoints - _start(one)]
+
+
+def _match(known: Mapping[tuple[float, float, float], float], goal: Goal) -> float | None:
+    return next((number for other, number in known.items() if len(other) == len(goal) and math.dist(other, goal) < NEAR), None)
+
+
+def _place(goal: Goal | None) -> str:
+    return "" if goal is None else "(" + ", ".join(f"{round(x, 3) + 0.0:g}".replace("-", "−") for x in goal) + ")"
+
+
+def _cm(distance: float) -> str:
+    return f"{100 * distance:.1f} cm"

@@ -1,0 +1,358 @@
+"""Which figures can be drawn from what is there, of which artifacts, and what is said below them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from skillcli.trajectories import Array
+from skillcli.viz import motion
+from skillcli.viz.canvas import encoded, styled
+from skillcli.viz.files import FORMATS
+from skillcli.viz.plots import composers, interpolation, learning, point, push, reach, transfer
+from skillcli.viz.report import paper
+from skillcli.viz.report.content import Drawing, Missing
+from skillcli.viz.report.selection import Exhibit, Material
+from skillcli.viz.scene import label
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A figure that can be drawn."""
+
+    caption: str
+    used: Sequence[Exhibit]
+    make: Callable[[], Figure]
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A figure of the report: what it is, how it comes about, and what it takes where that is missing."""
+
+    slug: str
+    paper_figure: str
+    title: str
+    plan: Callable[[Material], Plan | None]
+    needs: str
+
+
+def drawings(material: Material) -> tuple[list[Drawing], list[Missing]]:
+    """Every figure that the material allows, and why the others are not there."""
+    drawn, missing = [], []
+    for subject in SUBJECTS:
+        plan = subject.plan(material)
+        number = f" (figure {subject.paper_figure} of the paper)" if subject.paper_figure else ""
+        if plan is None:
+            missing.append(Missing(f"{subject.title}{number}", f"there is no {subject.needs}{_remedy(subject, material)}"))
+            continue
+        with styled():
+            figure = plan.make()
+            files = {suffix: encoded(figure, suffix) for suffix in FORMATS}
+        ids = [one.id for one in plan.used]
+        drawn.append(Drawing(subject.slug, subject.paper_figure, subject.title, plan.caption, ids, files))
+    return drawn, missing
+
+
+def _remedy(subject: Subject, material: Material) -> str:
+    """The commands that give figure 10, which no chain makes by itself."""
+    libraries = material.find("embed-means", "reach")
+    if subject.plan is not _arm_returns or not libraries:
+        return ""
+    goal = ",".join(f"{x:g}" for x in next(iter(paper.REACH_UNSEEN)))
+    compose = f"skill compose {libraries[0].artifact.id.series} --method ddpg --goal={goal} --latents"
+    return f": `{compose} continuous` and `{compose} interpolated`"
+
+
+# --- of the paper -----------------------------------------------------------------------------------------------------
+
+
+def _latents_and_paths(material: Material) -> Plan | None:
+    for one in material.find("pretrain", "point"):
+        sampled = one.scene.trajectories.episodes - len(motion.mean_episodes(one.scene))
+        caption = (
+            f"Left: the mean latents. Middle: each skill's Gaussian close up, one and two standard deviations, with the "
+            f"latents that were drawn (n = {sampled}). Right: the paths that they give from the origin, the mean latents bold; "
+            f"circles: goals with the tolerance of {100 * one.scene.tolerance:.0f} cm. In the paper the "
+            "embedding separates the skills "
+            f"after 15,000 steps, with ellipses of {paper.POINT_EFFICIENCY} of the hull of the means; here "
+            f"{_said(one, 'embedding', 'efficiency', form='.3f')}. Dashes and markers tell apart what colours do."
+        )
+        return Plan(caption, [one], partial(point.latents_and_paths, one.scene))
+    return None
+
+
+def _skill_paths(material: Material) -> Plan | None:
+    sources = material.find("pretrain", "reach") or material.find("embed-means", "reach")
+    if not sources:
+        return None
+    one = sources[0]
+    targets = material.find("transfer-eval", "reach", lambda other: other.name == one.name and not len(other.scene.waypoints))
+    target = targets[0] if targets else None
+    others = one.scene.trajectories.episodes - len(motion.mean_episodes(one.scene))
+    below = (
+        "Below: the mean latents on target domains, parameters drawn anew for every episode."
+        if target
+        else "No target domain: there is no transfer-eval of these bare skills."
+    )
+    caption = (
+        f"Gripper paths of {len(one.scene.skills)} skills at their mean latents (bold) and of {others} sampled "
+        "latents (thin) in the "
+        f"source; circles: goals with the tolerance of {100 * one.scene.tolerance:.0f} cm. {below} "
+        "In the paper the real robot ended 7 to 22 cm from these goals, none within 5 cm."
+    )
+    return Plan(caption, [one, *targets[:1]], lambda: reach.skill_paths(one.scene, target.scene if target else None))
+
+
+def _reach_compositions(material: Material) -> Plan | None:
+    composed = _of_one_library(material.find("compose", "reach"))
+    chain = [one for one in composed if one.value("results", "task") == "u-shape"][:1]
+    points = [one for one in composed if len(one.scene.waypoints) == 1]
+    learned = [one for one in points if one.value("results", "method") == "ddpg"]
+    triangle = [one for one in composed if one.value("results", "task") == "triangle"][:1]
+    used = [*chain, *(learned or points)[:1], *triangle]
+    if not used:
+        return None
+    titles = [_composed(one) for one in used]
+    parts = (("interpolated U", chain), ("composition to an unseen point", points), ("searched triangle", triangle))
+    lacking = [name for name, found in parts if not found]
+    ends = ", ".join(f"{title} {_closest(one)}" for title, one in zip(titles, used, strict=True))
+    caption = (
+        "Executed in the source, one episode each; the look of a line is the skill that is fed. Largest distance "
+        "at which a waypoint "
+        f"was passed: {ends}. The paper drew the U on the robot, ended 5 to 14 cm from unseen points (DDPG, real "
+        "robot), and searched "
+        f"the triangle within 5 cm in simulation." + (f" Not in the store: {' and '.join(lacking)}." if lacking else "")
+    )
+    return Plan(caption, used, lambda: reach.compositions([one.scene for one in used], titles))
+
+
+def _of_one_library(exhibits: list[Exhibit]) -> list[Exhibit]:
+    """Those of the library that comes first: what is told by the number of a skill would mix others up."""
+    return [one for one in exhibits if one.name == exhibits[0].name]
+
+
+def _skill_pushes(material: Material) -> Plan | None:
+    for one in material.find("pretrain", "push") or material.find("embed-means", "push"):
+        ends = [one.value("results", "skills", k, "final_distance_m") for k in range(len(one.scene.skills))]
+        told = ", ".join(
+            f"{name} {100 * end:.1f}" for name, end in zip(one.scene.skills, ends, strict=True) if isinstance(end, float)
+        )
+        sampled = (
+            (one.scene.trajectories.episodes - len(motion.mean_episodes(one.scene))) if one.artifact.kind == "pretrain" else 0
+        )
+        caption = (
+            f"Box (bold: mean latent, thin: {sampled} sampled latents) and gripper from above; cross: goal, "
+            "dotted circle: tolerance of "
+            f"{100 * one.scene.tolerance:.0f} cm. Final distance at the mean latent, cm: {told}. In the paper the "
+            "real robot's box ended "
+            "1.6, 6.8, 5.1 and 4.4 cm from the goals of up, down, left and right."
+        )
+        return Plan(caption, [one], partial(push.skill_pushes, one.scene))
+    return None
+
+
+def _mean_pushes(material: Material) -> Plan | None:
+    for one in material.find("embed-means", "push", lambda one: one.scene.trajectories.episodes > len(one.scene.skills)):
+        pairs = one.scene.trajectories.episodes - len(one.scene.skills)
+        caption = (
+            f"n = {pairs} pairs, one episode each. Left: path of the box while the mean of two neighbouring latents is held; "
+            "cross: half-way between the two goals. Right: the angle between where the box went and that "
+            "cross. Open marks: the "
+            "paper's recorded ends on the real robot, which it calls “not reliable for half”."
+        )
+        return Plan(caption, [one], partial(push.mean_pushes, one.scene, paper.PUSH_MEANS))
+    return None
+
+
+def _searched_pushes(material: Material) -> Plan | None:
+    searched = _of_one_library(material.find("compose", "push", lambda one: one.value("results", "method") == "search"))
+    if not searched:
+        return None
+    searched = sorted(searched, key=lambda one: one.scene.trajectories.episodes)
+    routes = [(one, episode) for one in searched for episode in range(one.scene.trajectories.episodes)][: push.MAX_ROUTES]
+    used = list(dict.fromkeys(one for one, _ in routes))
+    success = sum(bool(one.scene.trajectories.success[episode]) for one, episode in routes)
+    caption = (
+        "Each panel is one plan, executed in the source: goal as displacement in m, and how far from it the box "
+        f"ends; {success} of "
+        f"{len(routes)} within the tolerance of {100 * used[0].scene.tolerance:.0f} cm. The look of a line is the "
+        "skill that is held. "
+        "The paper searched (±0.2, ±0.1) in simulation and ended 0.4, 6.4, 4.2 and 2.6 cm off."
+    )
+    return Plan(caption, used, lambda: push.searched_pushes([(one.scene, episode) for one, episode in routes]))
+
+
+def _arm_returns(material: Material) -> Plan | None:
+    groups: dict[str, list[Exhibit]] = {}
+    for one in material.find("compose", where=_with_arm):
+        goals = str(np.round(one.scene.waypoints, 4).tolist())
+        groups.setdefault(f"{one.artifact.parents[0].content_sha256} {goals}", []).append(one)  # of the same skills
+    compared = [runs for runs in groups.values() if len({_arm(one) for one in runs}) > 1]
+    if not compared:
+        return None
+    runs = max(compared, key=len)
+    arms: dict[str, tuple[Array, Array]] = {}
+    for name in sorted({_arm(one) for one in runs}):
+        arms[name] = _padded([one for one in runs if _arm(one) == name])
+    goal = ", ".join(f"{x:g}" for x in runs[0].scene.waypoints[-1])
+    counts = ", ".join(f"{len(returns)} {name}" for name, (_, returns) in arms.items())
+    caption = (
+        f"Return of a DDPG composer, played without exploration, while it learns to reach ({goal}); mean over "
+        "runs with different seeds "
+        f"(n = {counts}), band: 95 % bootstrap interval of the mean ({composers.DRAWS:,} draws). A run that "
+        "stopped early keeps its last "
+        f"value. The paper found the {paper.ARMS} than the discrete latents."
+    )
+    return Plan(caption, runs, lambda: composers.arm_returns(arms, "return without exploration"))
+
+
+# --- our own ----------------------------------------------------------------------------------------------------------
+
+
+def _curves(material: Material) -> Plan | None:
+    used = material.find("pretrain", where=lambda one: "final_distance" in one.scene.curves)
+    used = sorted(used[: learning.MAX_LIBRARIES], key=lambda one: one.name)
+    if not used:
+        return None
+    counted = ", ".join(f"{one.name} {len(one.scene.curves['final_distance'])}" for one in used)
+    caption = (
+        "Success of each skill (black: their mean) and mean final distance of the episodes that were collected "
+        "with exploration, one "
+        f"training each (updates: {counted}); dashed: tolerance."
+    )
+    return Plan(caption, used, lambda: learning.curves([one.scene for one in used]))
+
+
+def _distances(material: Material) -> Plan | None:
+    several = material.find("embed-means", where=lambda one: len(one.scene.skills) > 1)
+    used = sorted(several[: learning.MAX_LIBRARIES], key=lambda one: one.name)
+    if not used:
+        return None
+    found = [one.value("results", "latent_goal_correlation") for one in used]
+    r = [number if isinstance(number, float) else None for number in found]
+    caption = (
+        "One mark per pair of skills: distance of the mean latents against distance of the goals, with Pearson's "
+        "r. On a straight line "
+        "through the origin the latent space would have the metric of the task. The paper reports r = "
+        f"{paper.REACH_CORRELATION} for reach."
+    )
+    return Plan(caption, used, lambda: learning.distances([one.scene for one in used], r))
+
+
+def _success(material: Material) -> Plan | None:
+    used, titles = _transfers(material)
+    if not used:
+        return None
+    replanned = [title.split("\n")[0] for one, title in zip(used, titles, strict=True) if one.value("results", "replanned")]
+    how = "sent as they were made"
+    if replanned:
+        how = f"made again on the way ({', '.join(dict.fromkeys(replanned))}) or {how}"
+    caption = (
+        "Share of episodes that succeed on each domain, bar: Wilson's 95 % interval; exact where all episodes would be the "
+        f"same. Plans are {how}, robots drawn anew for every episode. The paper reports no rates; of composed pushes it "
+        "says “not able to reliably transfer”."
+    )
+    return Plan(caption, used, lambda: transfer.success([one.scene for one in used], titles))
+
+
+def _final_distances(material: Material) -> Plan | None:
+    used, titles = _transfers(material)
+    if not used:
+        return None
+    counted = sum(one.scene.trajectories.episodes for one in used)
+    caption = (
+        f"The same {counted} episodes: distance to the last goal in the end, one mark each; box: quartiles, bold line: median; "
+        "dashed: tolerance."
+    )
+    return Plan(caption, used, lambda: transfer.distances([one.scene for one in used], titles))
+
+
+def _calibration(material: Material) -> Plan | None:
+    for one in material.find("compose", where=lambda one: "calibration/end" in one.artifact.arrays):
+        arrays = one.artifact.arrays
+        pair, share, end = (arrays[f"calibration/{name}"] for name in ("pair", "share", "end"))
+        half = _said(one, "calibration", "neighbours", "mean_error_at_half", form=".2f")
+        caption = (
+            "Latents between two skills, held from the start to the end of an episode: how far along and away "
+            "from the line between "
+            f"the two goals they lead (n = {len(pair)} pairs, {len(share)} latents each). Mean error half-way, "
+            f"neighbours: {half}. The paper "
+            "saw motions between a pair land much closer to one end, and calls interpolation not calibrated."
+        )
+        return Plan(caption, [one], partial(interpolation.calibration, pair, share, end, one.scene.goals))
+    return None
+
+
+SUBJECTS = (
+    Subject("figure-02-point", "2", "Point: latents and paths", _latents_and_paths, "pretrain artifact of point"),
+    Subject("figure-04-reach", "4", "Reach: gripper paths of the skills", _skill_paths, "library of reach"),
+    Subject("figure-05-composed", "5", "Reach: composed in the latent space", _reach_compositions, "composition of reach"),
+    Subject("figure-07-push", "7", "Push: box and gripper of the skills", _skill_pushes, "library of push"),
+    Subject("figure-08-means", "8", "Push: means of neighbouring skills", _mean_pushes, "embed-means artifact of push"),
+    Subject("figure-09-searched", "9", "Push: searched sequences", _searched_pushes, "searched composition of push"),
+    Subject(
+        "figure-10-arms", "10", "Composer: continuous against discrete latents", _arm_returns,
+        "pair of ddpg compositions with the same goal and different ddpg.latents",
+    ),
+    Subject("learning", "", "Learning curves", _curves, "pretrain artifact"),
+    Subject("distances", "", "Latent against goal distances", _distances, "embed-means artifact"),
+    Subject("calibration", "", "Interpolation between skills", _calibration, "interpolated composition"),
+    Subject("transfer-success", "", "Success on robots that differ", _success, "transfer-eval artifact"),
+    Subject("transfer-distance", "", "Final distances on robots that differ", _final_distances, "transfer-eval artifact"),
+)  # fmt: skip
+SLUGS = frozenset(subject.slug for subject in SUBJECTS)
+
+
+# --- reading ----------------------------------------------------------------------------------------------------------
+
+
+def _said(one: Exhibit, *path: str, form: str) -> str:
+    """A number of the results as text."""
+    number = one.value("results", *path)
+    return format(number, form) if isinstance(number, float) else "not recorded"
+
+
+def _composed(one: Exhibit) -> str:
+    """What a composition is, short."""
+    method, task = one.value("results", "method"), one.value("results", "task")
+    goal = ", ".join(f"{x:g}" for x in one.scene.waypoints[-1])
+    return label(f"{method}: ({goal})" if task == "goals" else f"{method}: {task}")
+
+
+def _closest(one: Exhibit) -> str:
+    return f"{100 * max(motion.closest(one.scene, 0), default=0.0):.1f} cm"
+
+
+def _transfers(material: Material) -> tuple[list[Exhibit], list[str]]:
+    """Transfers of compositions and then of bare skills, with what they are."""
+    found = sorted(material.find("transfer-eval"), key=lambda one: (not len(one.scene.waypoints), one.name))[
+        : transfer.MAX_TRANSFERS
+    ]
+    return found, [f"{one.name}\n{'composed' if len(one.scene.waypoints) else 'bare skills'}" for one in found]
+
+
+def _arm(one: Exhibit) -> str:
+    """The latents that a composer may choose from."""
+    ddpg = one.artifact.recipe.get("ddpg")
+    return label(str(ddpg.get("latents", ""))) if isinstance(ddpg, dict) else ""
+
+
+def _with_arm(one: Exhibit) -> bool:
+    curves = one.scene.curves
+    return one.value("results", "method") == "ddpg" and bool(_arm(one)) and {"greedy_return", "env_steps"} <= curves.keys()
+
+
+def _padded(runs: Sequence[Exhibit]) -> tuple[Array, Array]:
+    """Control steps (I,), thousands, and returns (R, I) of runs of one arm, each continued by its last value."""
+    longest = max(runs, key=lambda one: len(one.scene.curves["greedy_return"]))
+    count = len(longest.scene.curves["greedy_return"])
+    rows = [one.scene.curves["greedy_return"] for one in runs]
+    returns = np.array([np.concatenate([row, np.full(count - len(row), row[-1])]) for row in rows])
+    return np.asarray(longest.scene.curves["env_steps"]) / 1000, returns

@@ -1,0 +1,183 @@
+"""Planning again on the way: what a target is told from, limits that are kept, when it stops and when it gives up."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from skillcli.cli.tables import _gave_up
+from skillcli.composition.latent_environment import LatentEnvironment
+from skillcli.evaluation.identification import Identification
+from skillcli.evaluation.planning import Leg
+from skillcli.evaluation.replanning import Replanner
+from skillcli.evaluation.sampled_robots import Robots
+from skillcli.progress import silent
+from skillcli.recipe import PushTask, ReachTask, Recipe, resolve
+from skillcli.robots.robot import load_robot
+from skillcli.simulation.arm_environment import ArmEnvironment
+from skillcli.tasks.registry import make
+from skillcli.trajectories import SAFETY_LIMITS, Array, Trajectories
+
+SAGGING = Path(__file__).parent.parent / "robots" / "meshes.toml"  # does not carry its own weight
+LIMIT = ReachTask().action_limit
+FIRST = np.array([0])
+
+
+class Joints:
+    """A library whose latent moves the first three joints."""
+
+    agent = SimpleNamespace(act=lambda observation, latent: np.pad(latent, ((0, 0), (0, 4))))
+    mean = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 0.5, 0], [0, -0.5, 0], [0, 0, 0.5]])
+    std = np.full((5, 3), 0.1)
+    names = ("left", "right", "down", "up", "still")
+
+
+def target(robot: Path | None = None, **parameters: float) -> ArmEnvironment:
+    env = make(ReachTask(), 1, 1, delay=True, robot=load_robot(robot) if robot else None)
+    assert isinstance(env, ArmEnvironment)
+    if parameters:
+        env.perturb({name: np.array([value]) for name, value in parameters.items()}, np.random.default_rng(3))
+        env.reset(FIRST, FIRST)
+    return env
+
+
+def segment(env: ArmEnvironment, seed: int, steps: int = 10) -> tuple[Array, list[Array], list[Array]]:
+    """A random segment: the sighting before it, what was applied, what was measured behind each step."""
+    begun, rng = env.look().state, np.random.default_rng(seed)
+    action, applied, measured = 0.5 * rng.uniform(-1, 1, (1, 7)), [], []
+    for _ in range(steps):
+        measured.append(env.step(action).observation[0, :7])
+        applied.append(env.applied[0].copy())
+    return begun, applied, measured
+
+
+def leg(task: str = "reach", **sections: dict[str, object]) -> Leg:
+    recipe: Recipe = resolve({"name": "r", "task": {"name": task}, "search": {"segments": [0.1], "weight": 4.0}, **sections})
+    return Leg(Joints(), recipe, np.zeros((0, 3)), (), 0, silent, Robots())  # type: ignore[arg-type]
+
+
+# --- how a target obeys -----------------------------------------------------------------------------------------------
+
+
+def hanging() -> tuple[ArmEnvironment, Array]:
+    """An arm at rest that hangs off its targets, and by how much, (7,) rad."""
+    env = target(SAGGING)
+    for _ in range(40):
+        env.step(np.zeros((1, 7)))
+    return env, (env.arms.joint_position - env.arms.commanded)[0]
+
+
+def test_an_arm_that_hangs_is_told_from_how_it_rests() -> None:
+    hangs, known, env = hanging()[1], Identification(ReachTask()), target(SAGGING)
+    assert np.abs(hangs).max() > 0.02, "more than a degree"
+    for seed in range(3):
+        known.learn(*segment(env, seed))
+    np.testing.assert_allclose(known.sag, hangs, atol=0.006), "it hangs otherwise in every pose"
+    assert known.lateness == 0.0
+    known.begin()
+    assert not known.sag.any(), "another target"
+
+
+def test_after_a_fifth_of_a_second_most_of_it_is_known() -> None:
+    known, hangs = Identification(ReachTask()), hanging()[1]
+    known.learn(*segment(target(SAGGING), 0, steps=4))
+    assert known.sag[1] / hangs[1] > 0.5, "dry friction holds it up for a moment"
+
+
+def test_an_arm_that_is_imagined_to_hang_stays_where_it_hangs() -> None:
+    env, hangs = hanging()
+    here = env.arms.gripper_position[0].copy()
+    planner = make(ReachTask(), 3, 1)
+    planner.imagine(np.array([1, 2]), np.repeat(env.look().state, 2, axis=0), np.stack([hangs, 0 * hangs]))
+    rows = planner.save(np.array([1]))
+    for _ in range(20):
+        planner.step(np.zeros((3, 7)))
+    told, untold = np.linalg.norm(planner.judged()[1:] - here, axis=1)
+    assert told < 0.002 and untold > 0.01, "an arm that carries its weight rises to its targets: every plan began with that"
+    planner.restore(np.array([0]), rows)
+    for _ in range(20):
+        planner.step(np.zeros((3, 7)))
+    assert np.linalg.norm(planner.judged()[0] - here) < 0.002, "what pulls it down is part of the state"
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.05, 0.1])
+def test_how_late_a_hanging_arm_obeys_is_told_beside(latency: float) -> None:
+    env, known = target(SAGGING, latency=latency, joint_noise=0.005), Identification(ReachTask())
+    for seed in range(3):
+        known.learn(*segment(env, seed))
+    assert known.lateness == latency
+
+
+def test_a_joint_that_is_stuck_does_not_decide_how_late_the_others_are() -> None:
+    env, known = target(), Identification(ReachTask())
+    for seed in range(3):
+        begun, applied, measured = segment(env, seed)
+        known.learn(begun, applied, [np.array([*joints[:6], begun[0, 6]]) for joints in measured])
+    assert known.lateness == 0.0 and (np.abs(known.sag) <= env.arms.largest_sag).all()
+
+
+# --- limits of the box ------------------------------------------------------------------------------------------------
+
+
+def tipping(monkeypatch: pytest.MonkeyPatch, replanner: Replanner, when: object) -> None:
+    """Let boxes tip where `when` says so of the simulations."""
+    for env in (replanner._simulations, replanner._others):
+        assert isinstance(env, ArmEnvironment)
+        monkeypatch.setattr(
+            env, "violations",
+            lambda env=env: np.column_stack([np.zeros((env.num, 4), dtype=bool), when(env)]),  # type: ignore[operator]
+        )  # fmt: skip
+
+
+def next_label(replanner: Replanner) -> str:
+    env = make(PushTask(), 1, 1)
+    waypoints = np.array([[0.7, 0.1, 0.0]])
+    return replanner.next(env.look(), waypoints, np.random.default_rng(0)).segment.label
+
+
+def test_what_tips_the_box_is_not_held_and_where_everything_does_something_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    replanner = Replanner(leg("push", transfer={"replan_budget": 2, "replan_batch": 1}), "search")
+    free = next_label(replanner)
+    turned = {"left": 1.0, "right": -1.0}
+    tipping(monkeypatch, replanner, lambda env: np.sign(env.applied[:, 0]) == turned.get(free, 2.0))
+    kept = next_label(replanner)
+    assert free in turned and kept != free
+    tipping(monkeypatch, replanner, lambda env: np.ones(env.num, dtype=bool))
+    assert next_label(replanner) == free, "the least bad, and no freezing"
+
+
+def test_limits_that_noise_breaks_by_itself_are_left_to_the_arm() -> None:
+    replanner = Replanner(leg("push"), "search")
+    assert isinstance(replanner._world, LatentEnvironment)
+    assert set(replanner._world.limits) == {"box_pressed", "box_tipped"} < set(SAFETY_LIMITS)
+
+
+# --- when it stops, and when it gives up ------------------------------------------------------------------------------
+
+
+def episode(goal: tuple[float, float, float], steps: int, **search: object) -> Trajectories:
+    settings = {"segments": [0.1], "weight": 4.0, **search}
+    replanner = Replanner(leg(search=settings, transfer={"replan_budget": 4}), "search")
+    return replanner.episode(target(), np.array([goal]), steps, seed=0)
+
+
+def test_an_episode_that_never_comes_near_says_that_it_gave_up() -> None:
+    away = episode((0.4, -0.5, 0.6), 12)
+    assert away.given_up.tolist() == [True] and not away.success[0] and away.length[0] == 12
+    near = episode((0.6, 0.1, 0.25), 60)
+    assert near.given_up.tolist() == [False] and near.gave_up is None and near.success[0]
+    assert Trajectories.join([near, away]).given_up.tolist() == [False, True]
+
+
+def test_who_gave_up_is_told_below_the_table() -> None:
+    rows = [{"name": "mild", "episodes": 20, "gave_up": 0}, {"name": "odd", "episodes": 20, "gave_up": 2}, {"name": "old"}]
+    assert _gave_up(rows) == ["gave up: odd in 2 of 20 episodes; no latent that was tried led near the goal in time"]
+    assert _gave_up(rows[:1]) == []
+
+
+def test_near_the_goal_it_stops_where_a_plan_should_end_no_nearer() -> None:
+    away = episode((0.6, 0.1, 0.25), 60, goal_tolerance=1e-6)
+    assert away.success[0] and away.length[0] < 30, "not to overshoot again and again until half of the time is over"

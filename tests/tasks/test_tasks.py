@@ -1,0 +1,144 @@
+import numpy as np
+import pytest
+
+from skillcli.errors import UsageError
+from skillcli.recipe import PointTask, PushTask, ReachTask
+from skillcli.robots import sawyer
+from skillcli.simulation.throughput import BareEngine
+from skillcli.tasks.reach.environment import ReachEnvironment
+from skillcli.tasks.registry import (
+    COMPOSITIONS,
+    Task,
+    check_goal,
+    check_start,
+    goal_place,
+    half_edges,
+    model_fingerprint,
+    named_routes,
+    skill_goals,
+)
+
+REACH, POINT, PUSH = ReachTask(), PointTask(), PushTask()
+
+
+@pytest.mark.parametrize("goal", [*REACH.goals, (0.6, 0, 0.0), (-0.5, 0.5, 0.6), (0, 0, 1.6)])
+def test_goals_within_reach_are_taken(goal: tuple[float, ...]) -> None:
+    check_goal(REACH, np.array(goal, dtype=float))
+
+
+@pytest.mark.parametrize(
+    ("task", "goal", "said"),
+    [
+        (REACH, (np.nan, 0, 0.2), "not finite"),
+        (REACH, (0.6, np.inf, 0.2), "not finite"),
+        (REACH, (2.0, 0, 0.2), "out of reach"),
+        (REACH, (0, 0, 1.7), "out of reach"),
+        (REACH, (0.6, 0, -0.01), "below the table"),
+        (POINT, (5.1, 0, 0), "out of bounds"),
+        (POINT, (0, np.nan, 0), "not finite"),
+        (PUSH, (np.nan, 0, 0), "not finite"),
+        (PUSH, (0.6, 0.58, 0), "no room for the box"),
+        (PUSH, (1.12, 0, 0), "no room for the box"),
+        (PUSH, (0.32, 0, 0), "no room for the box"),
+    ],
+)
+def test_other_goals_are_refused_with_a_hint(task: Task, goal: tuple[float, ...], said: str) -> None:
+    with pytest.raises(UsageError, match=said) as caught:
+        check_goal(task, np.array(goal, dtype=float))
+    assert caught.value.hint
+
+
+def test_no_arm_posture_reaches_beyond_what_is_said_to_be_the_longest_reach() -> None:
+    env = ReachEnvironment(REACH, 256)
+    rng = np.random.default_rng(0)
+    env.arms.place(np.arange(256), rng.uniform(env.arms.model.jnt_range[:7, 0], env.arms.model.jnt_range[:7, 1], (256, 7)))
+    reach = np.linalg.norm(env.judged() - sawyer.SHOULDER, axis=1)
+    assert reach.max() <= sawyer.LONGEST_REACH and reach.max() > 0.8 * sawyer.LONGEST_REACH
+
+
+@pytest.mark.parametrize("task", [REACH, POINT, PUSH])
+def test_every_named_composition_and_every_skill_can_be_reached(task: Task) -> None:
+    assert COMPOSITIONS[task.name]
+    for name in COMPOSITIONS[task.name]:
+        for goal in np.concatenate(named_routes(task, name)):
+            check_goal(task, goal)
+    for goal in skill_goals(task):
+        check_goal(task, goal)
+
+
+def test_a_composition_has_one_route_or_several() -> None:
+    (route,) = named_routes(REACH, "triangle")
+    assert route.shape == (4, 3) and route[0].tolist() == route[-1].tolist() == [0.6, 0.3, 0.15]
+    (route,) = named_routes(POINT, "triangle")
+    assert route.tolist() == [[2, 1, 0], [-2, 1, 0], [0, -2, 0]]
+
+
+def test_the_ring_is_twelve_pushes_all_round_outside_the_square_of_the_skills() -> None:
+    routes = named_routes(PUSH, "ring")
+    assert [route.shape for route in routes] == [(1, 3)] * 12
+    place = np.concatenate(routes)
+    away = place[:, :2] - PUSH.box_start
+    np.testing.assert_allclose(np.linalg.norm(away, axis=1), 0.2, atol=1e-4)
+    np.testing.assert_allclose(np.degrees(np.arctan2(away[:, 1], away[:, 0])) % 360, np.arange(0, 360, 30), atol=0.05)
+    assert (place[:, 2] == 0).all() and np.abs(away).sum(axis=1).min() > 0.15, "the square has its corners at 0.15 m"
+
+
+@pytest.mark.parametrize(
+    ("task", "goal", "place"),
+    [
+        (POINT, (1, 2), [1, 2, 0]),
+        (REACH, (0.6, 0.1, 0.2), [0.6, 0.1, 0.2]),
+        (PUSH, (0.1, -0.1), [0.7, -0.1, 0]),
+        (PushTask(box_start=(0.5, 0.2)), (0, -0.05), [0.5, 0.15, 0]),
+    ],
+)
+def test_a_goal_is_a_place_and_for_a_push_a_displacement_of_the_box(
+    task: Task, goal: tuple[float, ...], place: list[float]
+) -> None:
+    assert goal_place(task, goal) == pytest.approx(place)
+    for wrong in (goal[:-1], (*goal, 0.0)):
+        with pytest.raises(UsageError, match=f"has {len(goal)} numbers, got {len(wrong)}") as caught:
+            goal_place(task, wrong)
+        assert "--goal" in caught.value.hint
+
+
+def test_only_a_box_has_edges() -> None:
+    assert half_edges(PUSH) == (0.03, 0.03) and half_edges(PushTask(box_size=(0.1, 0.2, 0.05))) == (0.05, 0.1)
+    assert half_edges(REACH) == half_edges(POINT) == (0, 0)
+
+
+def test_a_box_has_to_start_on_the_table_wherever_it_is_drawn() -> None:
+    check_start(PUSH, -0.12, 0.12)
+    check_start(PUSH, 0.0, 0.4)  # to one side only
+    check_start(REACH, -9.0, 9.0)
+    for start, low, high in ((0.2, 0.0, 0.0), (0.4, -0.12, 0.12), (0.9, 0.0, 0.3)):
+        with pytest.raises(UsageError, match="starts off the table") as caught:
+            check_start(PushTask(box_start=(start, 0)), low, high)
+        assert "(0.33, -0.57) .. (1.11, 0.57)" in str(caught.value.hint)
+
+
+def test_an_unknown_composition_names_those_there_are() -> None:
+    with pytest.raises(UsageError, match="no composition 'circle'") as caught:
+        named_routes(REACH, "circle")
+    assert "triangle" in caught.value.hint
+
+
+def test_the_model_fingerprint_is_stable_and_follows_the_model() -> None:
+    assert model_fingerprint(REACH) == model_fingerprint(ReachTask(horizon=5)) != ""
+    assert model_fingerprint(REACH) != model_fingerprint(ReachTask(timestep=0.01))
+    heavier = (PushTask(box_mass=0.5), PushTask(box_size=(0.05, 0.06, 0.06)), PushTask(friction=0.5))
+    assert len({model_fingerprint(task) for task in (REACH, PUSH, *heavier)}) == 5
+    assert model_fingerprint(PUSH) == model_fingerprint(PushTask(goals=((0.1, 0), (0, 0.1)), names=("a", "b")))
+    assert model_fingerprint(POINT) == ""
+
+
+def test_measuring_the_bare_engine_leaves_the_simulations_as_they_were() -> None:
+    env = ReachEnvironment(REACH, 4)
+    env.step(np.random.default_rng(0).uniform(-1, 1, (4, 7)))
+    before, seen = env.save(np.arange(4)), env.observe()
+    bare = BareEngine(env)
+    assert bare.rate is None
+    bare.measure()
+    assert bare.rate is not None and bare.rate > 0
+    np.testing.assert_array_equal(env.save(np.arange(4)), before)
+    np.testing.assert_array_equal(env.observe(), seen)
