@@ -16,10 +16,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from skillcli.recipe import PushTask, resolve
+from skillcli.recipe import resolve
 from skillcli.simulation.arms import OBJECT
 from skillcli.store import Store
 from skillcli.tasks.push.environment import PushEnvironment, push_spec
+from skillcli.tasks.push.settings import PushTask
 from skillcli.trajectories import Array
 
 

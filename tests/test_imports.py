@@ -13,26 +13,24 @@ ROOT = Path(skillcli.__file__).parent
 FLOORS: list[set[str]] = [
     {"config"},
     {"robots"},
-    {"simulation", "learning", "composition", "store"},
-    {"tasks"},
+    {"simulation", "composition", "store"},
+    {"learning", "tasks"},
     {"recipe"},
-    {"evaluation", "viz"},
+    {"evaluation"},
+    {"viz"},
     {"stages"},
     {"cli"},
 ]
 FLOOR = {part: floor for floor, parts in enumerate(FLOORS, 1) for part in parts}
-KEPT_APART = {"composition": {"robots"}, "learning": {"robots"}, "store": {"robots", "config"}}  # though these stand lower
-# Arrows that still point up, to be cut.
-NOT_YET = {
-    ("composition", "tasks"),
-    ("learning", "composition"),
-    ("learning", "recipe"),
-    ("robots", "recipe"),
-    ("robots", "simulation"),
-    ("simulation", "recipe"),
-    ("tasks", "recipe"),
-    ("viz", "stages"),
+# Though these stand lower.
+KEPT_APART = {
+    "composition": {"robots"},
+    "learning": {"robots", "simulation", "store"},
+    "store": {"robots", "config"},
+    "tasks": {"composition", "store"},
 }
+# Arrows that still point up, to be cut.
+NOT_YET = {("composition", "tasks"), ("robots", "simulation"), ("robots", "tasks")}
 
 # package outside: the only parts of ours that may import it
 ONLY_IN = {

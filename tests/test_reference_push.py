@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from skillcli.recipe import PushTask, resolve
+from skillcli.recipe import resolve
 from skillcli.store import Store
 from skillcli.tasks.push.environment import push_spec
+from skillcli.tasks.push.settings import PushTask
 from skillcli.trajectories import Array
 from studies.contact import penetration, replay
 

@@ -248,8 +248,8 @@ def _physics() -> Check:
     """Step the Sawyer once with one and with two threads."""
     import numpy as np
 
-    from skillcli.recipe import ReachTask
     from skillcli.tasks.reach.environment import ReachEnvironment
+    from skillcli.tasks.reach.settings import ReachTask
 
     rows: list[Any] = []
     for threads in (1, 2):

@@ -1,4 +1,4 @@
-"""Recipe sections of the ways to compose, beside the search."""
+"""Recipe sections of the ways to compose."""
 
 from __future__ import annotations
 
@@ -7,6 +7,40 @@ from typing import Literal
 from pydantic import model_validator
 
 from skillcli.config.base import Section, value
+
+
+class Search(Section):
+    """Uniform cost search over latents."""
+
+    segments: tuple[float, ...] = value((0.25,), "how long one latent may be held", "s", min_length=1)
+    interpolated: bool = value(False, "offer the half-way latents of all pairs of skills beside the means")
+    grid: int = value(
+        0,
+        "offer a grid of this many latents per dimension, over the box of the means +- 2 std, beside the means",
+        "",
+        ge=0,
+        le=32,
+    )
+    resolution: float = value(0.02, "two states closer than this count as one", "m", ge=1e-4, le=10)
+    goal_tolerance: float = value(0.02, "a waypoint counts as met within this; the task's tolerance is the judge", "m", gt=0)
+    max_speed: float = value(
+        2.0, "no faster motion of the judged point is thought possible; gives the heuristic, 0 for none", "m/s", ge=0
+    )
+    approach_speed: float = value(
+        0.0, "speed of the gripper on its way behind the box, for the heuristic of push; 0 leaves that out", "m/s", ge=0
+    )
+    weight: float = value(
+        1.0, "weight of the heuristic: 0 uniform cost, 1 A*, above 1 faster to find, up to that much longer", "", ge=0
+    )
+    final_speed: float = value(0.0, "the last goal counts as met only at or below this speed; 0 for any", "m/s", ge=0)
+    batch: int = value(32, "nodes that are expanded at once", "nodes", ge=1, le=4096)
+    budget: int = value(5_000, "expanded nodes after which the best plan so far is taken", "nodes", ge=1)
+
+    @model_validator(mode="after")
+    def _positive(self) -> Search:
+        if any(not 0 < s <= 60 for s in self.segments):
+            raise ValueError("every segment must last between 0 and 60 seconds")
+        return self
 
 
 class Interpolate(Section):

@@ -8,6 +8,9 @@ from typing import Any, get_args
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
+Vector3 = tuple[float, float, float]
+Joints = tuple[float, float, float, float, float, float, float]
+
 
 def value(default: Any, description: str, unit: str = "", **bounds: Any) -> Any:
     """A recipe field: its default, what it means, its unit, and the bounds it must keep."""

@@ -18,6 +18,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Strict, model_validator
 
+from skillcli.config.base import Section, value
 from skillcli.trajectories import Array
 
 
@@ -230,3 +231,36 @@ def fill(ranges: Mapping[str, Range], count: int, rng: np.random.Generator) -> d
         drawn = values.quantile(share)
         filled[name] = drawn[:, 0] if size == 1 else drawn
     return filled
+
+
+Span = tuple[float, float]
+
+
+class Randomisation(Section):
+    """What differs from episode to episode while training (Tobin et al. 2017, Peng et al. 2018); nothing by default.
+
+    Wide starts, latency and noise are slow to learn under from scratch. They reach a share of the simulations that grows
+    over a span of the training.
+    """
+
+    dynamics: Ranges = value({}, "of the robot and the box, in every episode")
+    starts: Ranges = value({}, "of where arm and box start, phased in over `starts_span`")
+    sensing: Ranges = value({}, "of latency and sensors, phased in over `sensing_span`")
+    starts_span: Span = value((0.05, 0.4), "shares of the training at which starts begin to vary, and vary everywhere", "")
+    sensing_span: Span = value((0.5, 0.8), "shares of the training at which sensing begins to vary, and varies everywhere", "")
+
+    @model_validator(mode="after")
+    def _once_each(self) -> Randomisation:
+        names = [*self.dynamics, *self.starts, *self.sensing]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"{twice[0]} is named more than once")
+        for span in (self.starts_span, self.sensing_span):
+            if not 0 <= span[0] <= span[1] <= 1:
+                raise ValueError(f"a span is two shares of the training in order, between 0 and 1, got {list(span)}")
+        return self
+
+    @property
+    def ranges(self) -> Ranges:
+        """All of them, by name."""
+        return {**self.dynamics, **self.starts, **self.sensing}

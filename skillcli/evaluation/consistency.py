@@ -14,10 +14,12 @@ import numpy as np
 from skillcli.config.randomization import PARAMETERS
 from skillcli.errors import StoreError, UsageError
 from skillcli.learning.shapes import weight_shapes
-from skillcli.recipe import PointTask, PushTask, Recipe, resolve
+from skillcli.recipe import Recipe, resolve
 from skillcli.store import Artifact
 from skillcli.store.migrate import brought_up
 from skillcli.store.schema import check_parents
+from skillcli.tasks.point.settings import PointTask
+from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.registry import Task, sizes, skill_goals
 from skillcli.trajectories import Array
 

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from skillcli.evaluation.sampled_robots import Robots
-from skillcli.recipe import PointTask
 from skillcli.recipe import Task as TaskRecipe
 from skillcli.simulation.arm_environment import ArmEnvironment
+from skillcli.tasks.point.settings import PointTask
 from skillcli.trajectories import Array
 
 LATENESS = np.array([0.0, 0.025, 0.05, 0.075, 0.1, 0.15])  # s, told apart

@@ -21,9 +21,9 @@ from skillcli.evaluation.identification import Identification
 from skillcli.evaluation.planning import Leg, choices_of, mpc_from, search_from
 from skillcli.evaluation.rollouts import conduct, met
 from skillcli.evaluation.sampled_robots import Robots
-from skillcli.recipe import PushTask
 from skillcli.seeding import generator
 from skillcli.simulation.environment import Environment, Sighting
+from skillcli.tasks.push.settings import PushTask
 from skillcli.trajectories import Array, Trajectories
 
 REPLANS = ("search", "mpc")

@@ -12,11 +12,11 @@ from skillcli.evaluation.library import Library
 from skillcli.evaluation.replanning import Replanner
 from skillcli.evaluation.rollouts import play, play_waypoints
 from skillcli.evaluation.script import Script
-from skillcli.recipe import PointTask
 from skillcli.robots.robot import Robot
 from skillcli.seeding import generator
 from skillcli.simulation.domains import Domain
 from skillcli.simulation.environment import Environment
+from skillcli.tasks.point.settings import PointTask
 from skillcli.tasks.registry import MAX_SIMULATIONS, begin, make, stand
 from skillcli.trajectories import Array, Trajectories
 

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from skillcli.learning.networks import CLIP, Embedding, Inference, Normalizer, Policy, Value, affine, arranged, spread
-from skillcli.recipe import Recipe
+from skillcli.learning.settings import LearningRecipe
 from skillcli.seeding import torch_generator
 from skillcli.trajectories import Array
 
@@ -26,7 +26,9 @@ class Agent(nn.Module):
         privileged: size p of what only the value function sees.
     """
 
-    def __init__(self, recipe: Recipe, observation: int, action: int, goals: Array, seed: int = 0, privileged: int = 0) -> None:
+    def __init__(
+        self, recipe: LearningRecipe, observation: int, action: int, goals: Array, seed: int = 0, privileged: int = 0
+    ) -> None:
         super().__init__()
         torch.set_num_threads(1)  # results must not depend on how many cores there are
         embedding, network = recipe.embedding, recipe.network

@@ -15,7 +15,7 @@ from skillcli.learning import te_ppo
 from skillcli.learning.agent import Agent
 from skillcli.learning.rollout import Rollout, StartPool, VectorEnvironment, collect
 from skillcli.learning.saved import check_saved
-from skillcli.recipe import Recipe
+from skillcli.learning.settings import LearningRecipe
 from skillcli.seeding import generator
 from skillcli.trajectories import Array
 
@@ -34,7 +34,7 @@ class Learner:
         seed: of weights and chance.
     """
 
-    def __init__(self, env: VectorEnvironment, recipe: Recipe, seed: int) -> None:
+    def __init__(self, env: VectorEnvironment, recipe: LearningRecipe, seed: int) -> None:
         self.env, self.recipe = env, recipe
         self.agent = Agent(recipe, env.observation_size, env.action_size, env.goals, seed, env.privileged_size)
         self.optimizers = te_ppo.Optimizers.of(self.agent, recipe.training.learning_rate)

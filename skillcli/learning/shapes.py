@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
-from skillcli.recipe import Recipe
+from skillcli.learning.settings import LearningRecipe
 
 Shape = tuple[int, ...]
 
 
-def weight_shapes(recipe: Recipe, observation: int, action: int, privileged: int) -> dict[str, Shape]:
+def weight_shapes(recipe: LearningRecipe, observation: int, action: int, privileged: int) -> dict[str, Shape]:
     """Shape of every weight of `skillcli.learning.agent.Agent` by its dotted name.
 
     Args:

@@ -24,7 +24,7 @@ from skillcli.learning import gaussian
 from skillcli.learning.agent import Agent, one_hot, windows
 from skillcli.learning.gae import advantages
 from skillcli.learning.rollout import Rollout
-from skillcli.recipe import Training
+from skillcli.learning.settings import Training
 from skillcli.trajectories import Array
 
 

@@ -8,11 +8,10 @@ from pathlib import Path
 
 from pydantic import ValidationError, field_validator, model_validator
 
-from skillcli.config.base import Section, value
+from skillcli.config.base import Joints, Section, Vector3, value
 from skillcli.config.explain import complaint
 from skillcli.config.toml_file import read_toml
 from skillcli.errors import UsageError
-from skillcli.recipe import Joints, Vector3
 
 Quaternion = tuple[float, float, float, float]
 SEVEN = 7

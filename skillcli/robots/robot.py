@@ -14,7 +14,6 @@ import mujoco
 import numpy as np
 
 from skillcli.errors import UsageError
-from skillcli.recipe import ArmTask, PushTask, ReachTask
 from skillcli.robots import import_mjcf as foreign
 from skillcli.robots import sawyer
 from skillcli.robots.config import LONGEST_TIMESTEP, SHORTEST_TIMESTEP, Description, blaming, read_description
@@ -22,6 +21,9 @@ from skillcli.robots.mjcf import compile_model, quietly
 from skillcli.robots.servos import Servo
 from skillcli.simulation.arms import Arms
 from skillcli.simulation.environment import Array
+from skillcli.simulation.settings import ArmTask
+from skillcli.tasks.push.settings import PushTask
+from skillcli.tasks.reach.settings import ReachTask
 
 # Skills see joint angles and move them: at one pose the gripper must be about where the source has it, each joint turning
 # about much the same axis. Another arm of the same build is within centimetres; wrong conventions are not.

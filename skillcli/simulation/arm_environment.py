@@ -8,7 +8,6 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
-from skillcli.recipe import ArmTask
 from skillcli.robots import sawyer
 from skillcli.robots.robot import Robot
 from skillcli.simulation import disturbance, sensors
@@ -18,6 +17,7 @@ from skillcli.simulation.disturbance import Disturbance
 from skillcli.simulation.environment import Array, Sighting, Step
 from skillcli.simulation.safety import RANGE_TOLERANCE, STIFF_TABLE_TOLERANCE, Clearance
 from skillcli.simulation.sensors import Sensors
+from skillcli.simulation.settings import ArmTask
 
 REMEMBERED = 3  # control steps of which commands are kept for a look: as far back as an actuator may be delayed
 

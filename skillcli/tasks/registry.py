@@ -13,15 +13,17 @@ import mujoco
 import numpy as np
 
 from skillcli.errors import UsageError
-from skillcli.recipe import PointTask, PushTask, ReachTask
 from skillcli.robots import sawyer
 from skillcli.robots.robot import Robot
 from skillcli.simulation.arm_environment import ArmEnvironment
 from skillcli.simulation.chance import Rng
 from skillcli.simulation.environment import Array, Environment
 from skillcli.tasks.point.environment import PointEnvironment
+from skillcli.tasks.point.settings import PointTask
 from skillcli.tasks.push.environment import PushEnvironment, push_spec
+from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.reach.environment import ReachEnvironment, reach_spec
+from skillcli.tasks.reach.settings import ReachTask
 
 Task = PointTask | ReachTask | PushTask
 

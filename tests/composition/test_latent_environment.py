@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from skillcli.composition.latent_environment import LatentEnvironment
-from skillcli.recipe import PushTask, ReachTask
+from skillcli.tasks.push.settings import PushTask
+from skillcli.tasks.reach.settings import ReachTask
 from skillcli.tasks.registry import make
 from skillcli.trajectories import SAFETY_LIMITS, Array
 

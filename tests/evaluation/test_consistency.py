@@ -22,9 +22,9 @@ from skillcli.evaluation.planning import METHODS
 from skillcli.learning.agent import Agent
 from skillcli.learning.shapes import weight_shapes
 from skillcli.recipe import load_recipe, recipe_names, resolve
-from skillcli.stages.visualise import scene_of
 from skillcli.store import STAGES, Artifact, ArtifactId, Store
 from skillcli.tasks.registry import make, sizes
+from skillcli.viz.loading import scene_of
 
 Change = Callable[[dict[str, Any], dict[str, Any]], None]  # of arrays and recipe
 

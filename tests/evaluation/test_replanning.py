@@ -15,9 +15,11 @@ from skillcli.evaluation.planning import Leg
 from skillcli.evaluation.replanning import Replanner
 from skillcli.evaluation.sampled_robots import Robots
 from skillcli.progress import silent
-from skillcli.recipe import PushTask, ReachTask, Recipe, resolve
+from skillcli.recipe import Recipe, resolve
 from skillcli.robots.robot import load_robot
 from skillcli.simulation.arm_environment import ArmEnvironment
+from skillcli.tasks.push.settings import PushTask
+from skillcli.tasks.reach.settings import ReachTask
 from skillcli.tasks.registry import make
 from skillcli.trajectories import SAFETY_LIMITS, Array, Trajectories
 

@@ -15,9 +15,10 @@ from skillcli.evaluation.planning import Leg
 from skillcli.evaluation.replanning import Replanner, _Mission
 from skillcli.evaluation.sampled_robots import Robots
 from skillcli.progress import silent
-from skillcli.recipe import Compose, ReachTask, resolve
+from skillcli.recipe import Compose, resolve
 from skillcli.simulation.domains import find_domain
 from skillcli.store import Artifact, ArtifactId, Store
+from skillcli.tasks.reach.settings import ReachTask
 from skillcli.tasks.registry import make
 
 GOAL = ("--goal", "0.6,0.1,0.2")

@@ -27,9 +27,10 @@ from skillcli.recipe import resolve
 from skillcli.robots.robot import load_robot
 from skillcli.simulation.domains import find_domain, find_domains
 from skillcli.stages.transfer_eval import inputs_of, transfer_eval
-from skillcli.stages.visualise import draw, scene_of
+from skillcli.stages.visualise import draw
 from skillcli.store import Artifact, ArtifactId, Store
 from skillcli.trajectories import SAFETY_LIMITS, Array, Trajectories
+from skillcli.viz.loading import scene_of
 
 SOURCE = ArtifactId("tiny", "compose", 1)
 ROBOT = Path(__file__).parent.parent / "robots" / "servo.toml"

@@ -16,9 +16,10 @@ from skillcli.learning.agent import windows
 from skillcli.learning.learner import Learner
 from skillcli.learning.rollout import StartPool, collect, start_episodes
 from skillcli.learning.saved import curve_names
-from skillcli.recipe import PointTask, Recipe, load_recipe, resolve
+from skillcli.recipe import Recipe, load_recipe, resolve
 from skillcli.simulation.environment import Step
 from skillcli.tasks.point.environment import PointEnvironment
+from skillcli.tasks.point.settings import PointTask
 from skillcli.tasks.registry import make
 from skillcli.trajectories import Array
 

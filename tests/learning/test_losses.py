@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from skillcli.learning import gaussian
+from skillcli.learning.settings import Training
 from skillcli.learning.te_ppo import (
     adapted_learning_rate,
     approximate_kl,
@@ -15,7 +16,6 @@ from skillcli.learning.te_ppo import (
     settled_std,
     surrogate_loss,
 )
-from skillcli.recipe import Training
 
 LOG_2PI = 1.8378770664
 

@@ -11,12 +11,14 @@ import pytest
 
 from skillcli.config.randomization import sample
 from skillcli.errors import UsageError
-from skillcli.recipe import PointTask, PushTask, ReachTask
 from skillcli.robots import sawyer
 from skillcli.robots.effort import MAX_BYTES
 from skillcli.robots.robot import Robot, load_robot, posture
 from skillcli.simulation.arm_environment import ArmEnvironment
 from skillcli.simulation.domains import find_domain
+from skillcli.tasks.point.settings import PointTask
+from skillcli.tasks.push.settings import PushTask
+from skillcli.tasks.reach.settings import ReachTask
 from skillcli.tasks.registry import make
 from skillcli.trajectories import Array
 

@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from skillcli.recipe import ReachTask
 from skillcli.robots import sawyer
 from skillcli.tasks.reach.environment import ReachEnvironment
+from skillcli.tasks.reach.settings import ReachTask
 from skillcli.trajectories import Array
 
 # 200 random joint vectors (rad) with position (m) and z axis of the flange, computed from the MuJoCo Menagerie model

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skillcli.recipe import PushTask, ReachTask
 from skillcli.simulation.disturbance import Disturbance
 from skillcli.tasks.push.environment import PushEnvironment
+from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.reach.environment import ReachEnvironment
+from skillcli.tasks.reach.settings import ReachTask
 
 
 def test_lateness_is_spread_evenly_up_to_the_stated_time() -> None:

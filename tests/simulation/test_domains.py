@@ -9,12 +9,14 @@ import pytest
 
 from skillcli.config.randomization import MAX_LATENCY, PARAMETERS, sample
 from skillcli.errors import UsageError
-from skillcli.recipe import PointTask, PushTask, ReachTask
 from skillcli.robots.sawyer import JOINTS
 from skillcli.simulation.domains import PRESETS, find_domain
 from skillcli.tasks.point.environment import PointEnvironment
+from skillcli.tasks.point.settings import PointTask
 from skillcli.tasks.push.environment import PushEnvironment
+from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.reach.environment import ReachEnvironment
+from skillcli.tasks.reach.settings import ReachTask
 from skillcli.trajectories import Array
 
 TASK, PUSH = ReachTask(), PushTask()

@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from skillcli.config.randomization import PARAMETERS
-from skillcli.recipe import ArmTask, PointTask, PushTask, ReachTask
 from skillcli.simulation.environment import Environment, Step
+from skillcli.simulation.settings import ArmTask
+from skillcli.tasks.point.settings import PointTask
+from skillcli.tasks.push.settings import PushTask
+from skillcli.tasks.reach.settings import ReachTask
 from skillcli.tasks.registry import DESCRIPTIONS, Task, goal_place, make, model_of
 from skillcli.trajectories import Array
 

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from skillcli.config.randomization import NEUTRAL, PARAMETERS, Range, sample
-from skillcli.recipe import PushTask, ReachTask
 from skillcli.tasks.push.environment import PushEnvironment
+from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.reach.environment import ReachEnvironment
+from skillcli.tasks.reach.settings import ReachTask
 from skillcli.trajectories import Array
 
 # Values that are neither neutral nor absurd.

@@ -6,13 +6,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from skillcli.recipe import PointTask, PushTask, ReachTask
 from skillcli.robots.sawyer import VELOCITY_LIMIT
 from skillcli.simulation.environment import SAFETY_LIMITS
 from skillcli.simulation.safety import BOX_TOLERANCE, RANGE_TOLERANCE, Clearance
 from skillcli.tasks.point.environment import PointEnvironment
+from skillcli.tasks.point.settings import PointTask
 from skillcli.tasks.push.environment import PushEnvironment
+from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.reach.environment import ReachEnvironment
+from skillcli.tasks.reach.settings import ReachTask
 
 RANGE, SPEED, TABLE, BOX, TIPPED = range(5)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skillcli.recipe import ReachTask
 from skillcli.simulation.sensors import Sensors
 from skillcli.tasks.reach.environment import ReachEnvironment
+from skillcli.tasks.reach.settings import ReachTask
 from skillcli.trajectories import Array
 
 PERIOD = 0.05

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skillcli.recipe import PushTask
 from skillcli.robots.sawyer import TABLE_CENTRE
 from skillcli.simulation import table
 from skillcli.tasks.push.environment import PushEnvironment
+from skillcli.tasks.push.settings import PushTask
 
 
 def test_a_turn_about_y_lowers_what_is_in_front() -> None:

@@ -16,15 +16,17 @@ from skillcli.evaluation.library import open_library
 from skillcli.evaluation.sampled_robots import Robots
 from skillcli.evaluation.script import Script
 from skillcli.evaluation.trial import Target, Trial
-from skillcli.recipe import PushTask, load_recipe
+from skillcli.recipe import load_recipe
 from skillcli.simulation.domains import find_domain
 from skillcli.stages.compose import Request, execute, inputs_of
 from skillcli.stages.pretrain import evaluate
-from skillcli.stages.visualise import draw, record, scene_of
+from skillcli.stages.visualise import draw, record
 from skillcli.store import STAGES, Artifact, ArtifactId, Store
+from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.registry import named_routes
 from skillcli.trajectories import Array, Trajectories
 from skillcli.viz import motion
+from skillcli.viz.loading import scene_of
 
 # What `push_chain` is composed of, m.
 ROUTES = tuple(np.array([[0.6 + x, y, 0.0] for x, y in route]) for route in PLACES)

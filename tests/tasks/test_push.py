@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from skillcli.errors import UsageError
-from skillcli.recipe import PushTask, load_recipe
+from skillcli.recipe import load_recipe
 from skillcli.simulation.arms import Arms
 from skillcli.simulation.table import turned
 from skillcli.tasks.push.environment import LOST, PushEnvironment
+from skillcli.tasks.push.settings import PushTask
 from skillcli.trajectories import Array
 
 TASK = PushTask()

@@ -2,10 +2,12 @@ import numpy as np
 import pytest
 
 from skillcli.errors import UsageError
-from skillcli.recipe import PointTask, PushTask, ReachTask
 from skillcli.robots import sawyer
 from skillcli.simulation.throughput import BareEngine
+from skillcli.tasks.point.settings import PointTask
+from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.reach.environment import ReachEnvironment
+from skillcli.tasks.reach.settings import ReachTask
 from skillcli.tasks.registry import (
     COMPOSITIONS,
     Task,

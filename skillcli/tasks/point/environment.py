@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from skillcli.recipe import PointTask
 from skillcli.simulation.chance import Chance, Rng
 from skillcli.simulation.environment import Array, Sighting, Step
+from skillcli.tasks.point.settings import PointTask
 
 
 class PointEnvironment:

@@ -10,7 +10,6 @@ import mujoco
 import numpy as np
 
 from skillcli.errors import UsageError
-from skillcli.recipe import ArmTask, PushTask
 from skillcli.robots import sawyer
 from skillcli.robots.robot import Robot
 from skillcli.simulation import table
@@ -19,7 +18,9 @@ from skillcli.simulation.arms import CONTACT_FORCE, OBJECT
 from skillcli.simulation.chance import Rng
 from skillcli.simulation.environment import Array
 from skillcli.simulation.safety import BOX_TOLERANCE, SOFT_TABLE_TOLERANCE, UPRIGHT, Cover
+from skillcli.simulation.settings import ArmTask
 from skillcli.tasks.push.geometry import CONTACT_GAP, climb, place_behind, share
+from skillcli.tasks.push.settings import PushTask
 
 # Contact. The friction cone is elliptic, else friction would depend on the direction of a push; condim 4 adds the torsion
 # that keeps a box from spinning under a finger; impratio makes friction stiffer than the normal force, so that a pushed

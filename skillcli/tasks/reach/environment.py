@@ -5,11 +5,11 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from skillcli.recipe import ReachTask
 from skillcli.robots import sawyer
 from skillcli.robots.robot import Robot
 from skillcli.simulation.arm_environment import ArmEnvironment
 from skillcli.simulation.environment import Array
+from skillcli.tasks.reach.settings import ReachTask
 
 
 def reach_spec(task: ReachTask, delay: bool = False, robot: Robot | None = None) -> mujoco.MjSpec:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from skillcli.errors import SkillError, StoreError
-from skillcli.stages.visualise import scene_of
 from skillcli.store import Artifact, ArtifactId, Header, Store
+from skillcli.viz.loading import scene_of
 from skillcli.viz.scene import Scene, drawable
 
 LIMIT = 100  # artifacts on one page
