@@ -12,23 +12,22 @@ import json
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
+from functools import cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import ValidationError, create_model, field_validator, model_validator
 
 from skillcli.composition.settings import Ddpg, Interpolate, Mpc, Ppo, Search, Sequence
-from skillcli.config.base import Section, value
+from skillcli.config.base import Section, optional_value, value
 from skillcli.config.explain import complaint, shown
 from skillcli.config.randomization import RANGE_KEYS, Randomisation
 from skillcli.config.toml_file import parse_toml, read_toml
 from skillcli.errors import UsageError
 from skillcli.learning.settings import Embedding, Network, Training
-from skillcli.tasks.point.settings import PointTask
-from skillcli.tasks.push.settings import PushTask
-from skillcli.tasks.reach.settings import ReachTask
-
-Task = Annotated[PointTask | ReachTask | PushTask, Field(discriminator="name")]
+from skillcli.robots.config import bundled_robots, describe_robot, is_path, start_of
+from skillcli.simulation.settings import TaskSettings
+from skillcli.tasks.registry import find_task, load_task, ran_here, source_digest, task_names
 
 
 class Evaluation(Section):
@@ -69,7 +68,8 @@ class Recipe(Section):
 
     name: str = value(..., "the recipe's name", "")
     description: str = value("", "what this recipe is for, in one line", "")
-    task: Task = value(..., "what the skills are for", "")
+    robot: str = optional_value("sawyer", "a bundled robot by its name, or the path of a robot file", "")
+    task: TaskSettings = value(..., "what the skills are for", "")
     embedding: Embedding = Embedding()
     network: Network = Network()
     training: Training = Training()
@@ -136,10 +136,74 @@ def resolve(content: Mapping[str, Any], overrides: Iterable[str] = ()) -> Recipe
     merged: dict[str, Any] = copy.deepcopy(dict(content))
     for override in overrides:
         merged = _merge(merged, _override(override))
+    kind = _recipe_for(_settings_of(merged))
     try:
-        return Recipe.model_validate(merged)
+        return kind.model_validate(merged)
     except ValidationError as error:
-        raise UsageError(*_explained(error)) from error
+        raise UsageError(*_explained(error, kind)) from error
+
+
+def _settings_of(content: dict[str, Any]) -> type[TaskSettings]:
+    """The section that describes the task of a recipe; fills in what the robot says of where it starts."""
+    task = content.get("task")
+    if not isinstance(task, Mapping):
+        return TaskSettings  # the validation says what is wrong
+    robot = content.get("robot", "sawyer")
+    if "module" in task:
+        task = content["task"] = _from_module(task)
+    name = task.get("name")
+    if name is None:
+        raise UsageError("recipe key 'task.name' is missing", f"tasks: {', '.join(task_names())}")
+    if not isinstance(name, str) or name not in task_names():
+        known = ", ".join(map(repr, task_names()))
+        raise UsageError(f"recipe key 'task.name': expected one of {known}, got {shown(name)}", "see `skill tasks`")
+    spec = find_task(name)
+    if spec.uses_robot and not task.get("start"):
+        content["task"] = {**task, "start": start_of(robot, name)}
+    elif spec.uses_robot:
+        _check_start(robot, task["start"])
+    return spec.settings
+
+
+def _from_module(task: Mapping[str, Any]) -> dict[str, Any]:
+    """The section `task`, with the task of its Python file registered, and its name and hash filled in.
+
+    A recipe that a person gives runs the file. One out of an artifact runs it only where the same file ran here before.
+    """
+    path, stored = task["module"], task.get("source_sha256", "")
+    if not isinstance(path, str) or not path:
+        raise UsageError(f"recipe key 'task.module': expected the path of a Python file, got {shown(path)}", "leave it out")
+    digest = source_digest(Path(path))
+    if stored and stored != digest:
+        raise UsageError(
+            f"task.module: {path} is not the file that these skills were trained on", "put that one back, or train anew"
+        )
+    if stored and not ran_here(digest):
+        raise UsageError(
+            f"task.module: {path} never ran here, and an artifact alone does not run it",
+            "read it; then let it run by giving its recipe: `skill recipes show RECIPE`",
+        )
+    spec = load_task(Path(path), digest)
+    return {"name": spec.name, **task, "source_sha256": digest}
+
+
+def _check_start(robot: str, start: Any) -> None:
+    """Refuse a start with another number of angles than a bundled robot has joints; others are checked with their model."""
+    if robot in bundled_robots() and isinstance(start, list | tuple):
+        wanted = len(describe_robot(robot).joints)
+        if len(start) != wanted:
+            raise UsageError(
+                f"recipe key 'task.start': expected {wanted} numbers, one for each joint, got {len(start)}",
+                f"the {robot} has {wanted} joints; leave the key out for its own start",
+            )
+
+
+@cache
+def _recipe_for(settings: type[TaskSettings]) -> type[Recipe]:
+    """A recipe whose section `task` is that of one task."""
+    field = value(..., "what the skills are for", "")
+    kind: type[Recipe] = create_model("Recipe", __base__=Recipe, __module__=__name__, task=(settings, field))
+    return kind
 
 
 def describe(recipe: Recipe) -> list[tuple[str, Any, str, str]]:
@@ -177,6 +241,7 @@ def _read(name: str, seen: tuple[str, ...]) -> dict[str, Any]:
         raise UsageError(f"no recipe {name!r}", f"shipped recipes: {known}; or give the path of a .toml file") from None
     except (OSError, ValueError) as error:
         raise UsageError(f"recipe {name!r} cannot be read: {error}", "a recipe is a TOML file") from error
+    _beside(content, path.parent)
     base = content.pop("extends", None)
     if base is None:
         return content
@@ -186,11 +251,21 @@ def _read(name: str, seen: tuple[str, ...]) -> dict[str, Any]:
     return _merge(_read(str(beside), (*seen, name)), content)
 
 
+def _beside(content: dict[str, Any], folder: Path) -> None:
+    """Let files that a recipe names lie beside it."""
+    robot, task = content.get("robot"), content.get("task")
+    if isinstance(robot, str) and is_path(robot):
+        content["robot"] = str(folder / robot)
+    if isinstance(task, dict) and isinstance(task.get("module"), str) and task["module"]:
+        task["module"] = str(folder / task["module"])
+
+
 def _merge(base: dict[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
     merged = dict(base)
     for key, item in change.items():
         old = merged.get(key)
         same_kind = isinstance(item, Mapping) and isinstance(old, dict) and item.get("name", old.get("name")) == old.get("name")
+        same_kind = same_kind and isinstance(old, dict) and item.get("module", old.get("module")) == old.get("module")
         same_kind = same_kind and not item.keys() & RANGE_KEYS  # a range is one value
         merged[key] = _merge(old, item) if same_kind and isinstance(old, dict) else item
     return merged
@@ -213,9 +288,9 @@ def _override(text: str) -> dict[str, Any]:
     return dict(item)
 
 
-def _explained(error: ValidationError) -> tuple[str, str]:
+def _explained(error: ValidationError, kind: type[Recipe]) -> tuple[str, str]:
     """One line and a hint, for the first complaint."""
-    found = complaint(error, Recipe)
+    found = complaint(error, kind)
     if found.kind == "unknown":
         return f"unknown recipe key {found.key!r}", f"keys here: {', '.join(sorted(found.known))}"
     if found.kind == "missing":

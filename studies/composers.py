@@ -20,7 +20,7 @@ from skillcli.recipe import resolve
 from skillcli.seeding import generator
 from skillcli.stages.compose import execute
 from skillcli.store import Store
-from skillcli.tasks.registry import goal_place
+from skillcli.tasks.world import place_goal
 from skillcli.trajectories import Array
 
 CORNERS = {  # where unseen goals are drawn, as they are typed
@@ -34,7 +34,7 @@ def unseen_goals(library: Library, count: int) -> Array:
     """The same goals for every method, (count, 3) m."""
     task = library.recipe.task
     drawn = generator(0, "unseen goals").uniform(*CORNERS[task.name], (count, len(CORNERS[task.name][0])))
-    return np.array([goal_place(task, goal) for goal in drawn])
+    return np.array([place_goal(task, goal) for goal in drawn])
 
 
 def plan(library: Library, method: str, goal: Array, settings: list[str], seed: int) -> Planned:

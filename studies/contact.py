@@ -9,6 +9,7 @@ at a quarter of it. ID is a pretraining: its trajectories all begin at the recip
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -19,28 +20,29 @@ from rich.table import Table
 from skillcli.recipe import resolve
 from skillcli.simulation.arms import OBJECT
 from skillcli.store import Store
-from skillcli.tasks.push.environment import PushEnvironment, push_spec
 from skillcli.tasks.push.settings import PushTask
+from skillcli.tasks.world import World
 from skillcli.trajectories import Array
 
 
-def replay(task: PushTask, action: Array, halvings: int) -> Array:
-    """Where the box is after each control step, (T, E, 2) m, when actions (E, T, 7) rad are sent again."""
-    finer = task.model_copy(update={"timestep": task.timestep / 2**halvings})
-    env = PushEnvironment(finer, len(action))
+def replay(world: World, action: Array, halvings: int) -> Array:
+    """Where the box is after each control step, (T, E, 2) m, when actions (E, T, J) rad are sent again."""
+    task = world.task
+    assert isinstance(task, PushTask)
+    env = replace(world, task=task.model_copy(update={"timestep": task.timestep / 2**halvings})).make(len(action))
     path = []
     for t in range(action.shape[1]):
-        env.step(action[:, t] / task.action_limit)
+        env.step(action[:, t] / task.action_scale)
         path.append(env.judged()[:, :2])
     return np.stack(path)
 
 
 def penetration(model: mujoco.MjModel, joint_position: Array, object_pose: Array) -> float:
-    """Deepest overlap of the box with anything in recorded states (n, 7) and (n, 7), m."""
+    """Deepest overlap of the box with anything in recorded states (n, J) and (n, 7), m."""
     data, deepest = mujoco.MjData(model), 0.0
     box = model.geom(OBJECT).id
     for q, pose in zip(joint_position, object_pose, strict=True):
-        data.qpos[:7], data.qpos[7:] = q, pose
+        data.qpos[: len(q)], data.qpos[len(q) :] = q, pose
         mujoco.mj_fwdPosition(model, data)
         deepest = max([deepest, *(-contact.dist for contact in data.contact if box in contact.geom)])
     return deepest
@@ -56,12 +58,13 @@ def main() -> None:
     """Measure and print."""
     store = Store(Path(sys.argv[2] if len(sys.argv) > 2 else "artifacts"))
     artifact = store.read(store.resolve(sys.argv[1] if len(sys.argv) > 1 else "reference-push/pretrain"))
-    task = resolve(artifact.recipe).task
+    world = World.of(resolve(artifact.recipe))
+    task = world.task
     assert isinstance(task, PushTask)
     if artifact.id.stage != "pretrain":
         sys.exit(f"{artifact.id} may begin anywhere; give the id of a pretraining")
     recorded = artifact.group("trajectories")
-    ends = [replay(task, recorded["action"], halvings)[-1] for halvings in range(3)]
+    ends = [replay(world, recorded["action"], halvings)[-1] for halvings in range(3)]
     table = Table("time step", "box ends elsewhere: median", "90 %", "largest", "below 5 mm")
     for halvings in range(2):
         moved = 1000 * np.linalg.norm(ends[halvings] - ends[halvings + 1], axis=1)
@@ -70,8 +73,10 @@ def main() -> None:
         table.add_row(f"{steps[0]:g} → {steps[1]:g} ms", *numbers, f"{(moved < 5).mean():.0%} of {len(moved)}")
     console = Console()
     console.print(table)
-    poses = recorded["joint_position"].reshape(-1, 7), recorded["object_pose"].reshape(-1, 7)
-    depth = penetration(push_spec(task).compile(), *poses)
+    model = world.model()
+    assert model is not None
+    poses = recorded["joint_position"].reshape(-1, world.joints), recorded["object_pose"].reshape(-1, 7)
+    depth = penetration(model, *poses)
     tipped = tilt(recorded["object_pose"]).max(axis=1)
     console.print(f"deepest penetration of the box in the stored trajectories: {1000 * depth:.2f} mm")
     console.print(f"boxes tipped by more than 20 degrees: {(tipped > 20).mean():.0%}, at most {tipped.max():.0f} degrees")

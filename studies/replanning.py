@@ -29,10 +29,10 @@ from skillcli.evaluation.sampled_robots import Robots
 from skillcli.evaluation.script import Script
 from skillcli.evaluation.trial import Target, Trial
 from skillcli.recipe import resolve
-from skillcli.robots.robot import load_robot
+from skillcli.robots.robot import load_target
 from skillcli.simulation.domains import find_domain
 from skillcli.store import Store
-from skillcli.tasks.registry import goal_place
+from skillcli.tasks.world import place_goal
 from skillcli.trajectories import Array, Trajectories
 
 GOALS = ("0.1,0.1", "0.1,-0.1", "-0.1,0.1", "-0.1,-0.1", "0.2,0.1", "-0.2,0.1", "0.2,-0.1", "-0.2,-0.1", "0.0,0.2", "0.2,0.0")
@@ -55,8 +55,8 @@ def leg_to(setting: Setting, goal: str) -> Leg:
     store = Store(Path(setting.store))
     library = open_library(store, store.read(store.resolve(setting.source)))
     recipe = resolve(library.source.recipe, ["transfer.replan=true"])
-    place = np.array([goal_place(recipe.task, [float(x) for x in goal.split(",")])])
-    return Leg(library, recipe, place, (), 0, lambda _: None, Robots.of(recipe.compose, "", 0))
+    place = np.array([place_goal(recipe.task, [float(x) for x in goal.split(",")])])
+    return Leg(library, recipe, place, (), 0, lambda _: None, Robots.of(recipe.compose, "", 0, library.world.joints))
 
 
 def plan(setting: Setting, goal: str) -> tuple[Array, Array]:
@@ -68,8 +68,9 @@ def play(setting: Setting, robot: str, goal: str, planned: tuple[Array, Array]) 
     """Both ways on the same robots: sent blindly, replanned; and seconds per plan."""
     leg, (latent, skill) = leg_to(setting, goal), planned
     script = Script(latent[None], skill[None], np.array([len(skill)]), (leg.waypoints,)).in_turn(setting.episodes)
-    target = Target.drawn(find_domain(setting.domain), setting.episodes, setting.seed)
-    stands = load_robot(Path(robot)) if robot else None
+    target = Target.drawn(find_domain(setting.domain), setting.episodes, setting.seed, leg.library.world.joints)
+    world = leg.library.world
+    stands = world.on(load_target(Path(robot), world.robot)) if robot else world
     replanner = Replanner(leg, "search")
     blind = Trial(leg.library, setting.seed, stands).run(script, target)
     return blind, Trial(leg.library, setting.seed, stands, replanner).run(script, target), replanner.effort.mean or 0.0

@@ -22,7 +22,7 @@ from skillcli.learning.learner import Learner
 from skillcli.recipe import load_recipe
 from skillcli.stages.pretrain import peak_memory_mb
 from skillcli.tasks.reach.environment import ReachEnvironment
-from skillcli.tasks.registry import make
+from skillcli.tasks.world import World
 
 RAW_STEPS = 24  # control steps of the bare engine after each iteration
 STARTS = 7  # of each program
@@ -51,7 +51,7 @@ def raw_seconds(raw: Batch, env: ReachEnvironment, rng: np.random.Generator) -> 
 def throughput(iterations: int) -> dict[str, float]:
     """Control steps per second: the bare engine, while collecting, and over the whole training."""
     recipe = load_recipe("reach")
-    env = make(recipe.task, recipe.training.simulations)
+    env = World.of(recipe).make(recipe.training.simulations)
     assert isinstance(env, ReachEnvironment)
     learner = Learner(env, recipe, seed=0)
     raw, rng = Batch(env.arms.model, env.num, persistent=True), np.random.default_rng(0)

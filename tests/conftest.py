@@ -13,7 +13,7 @@ from command import PLACES, TINY_PUSH, TINY_PUSH_SET, TINY_SET, made, skill
 from skillcli.recipe import load_recipe
 from skillcli.stages.compose import Request, compose
 from skillcli.store import ArtifactId, Store
-from skillcli.tasks.registry import goal_place
+from skillcli.tasks.world import place_goal as goal_place
 
 
 @pytest.fixture(scope="session", autouse=True)

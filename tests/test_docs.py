@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import inspect
 import re
 import shlex
 from pathlib import Path
@@ -14,16 +13,12 @@ import pytest
 import typer
 from composition.plane import ORIGIN, Plane
 
-import skillcli.recipe
-import skillcli.tasks.registry
 from skillcli.cli.app import app
 from skillcli.composition.plan import Choices, schedule
 from skillcli.composition.planner import run
 from skillcli.composition.route import Route
-from skillcli.errors import UsageError
 from skillcli.recipe import Recipe, load_recipe, resolve
-from skillcli.robots.robot import load_robot
-from skillcli.tasks.registry import DESCRIPTIONS
+from skillcli.tasks.registry import ROOMS as DESCRIPTIONS
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -128,7 +123,7 @@ def names_in(path: Path) -> set[str]:
 
 
 def test_every_module_and_name_of_the_code_is_there(page: Path) -> None:
-    new = ("skillcli/tasks/planar.py", "skillcli/composition/greedy.py")  # the examples of the two pages that add something
+    new = ("planar.py", "skillcli/composition/greedy.py")  # the examples of the two pages that add something
     for span in spans(page):
         found = re.fullmatch(r"((?:[\w-]+/)*\w+\.py)(?:: (\w+))?", span)
         if not found or span in new:
@@ -168,50 +163,6 @@ def test_an_artifact_is_read_as_shown(monkeypatch: pytest.MonkeyPatch, capsys: p
     exec(block_with("artifacts.md", "import h5py"), {})
     first, second = capsys.readouterr().out.splitlines()
     assert first.startswith("(1, 50, 3)") and "episode,step+1,xyz" in first and second == "True 2.45"
-
-
-@pytest.fixture
-def planar(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """What docs/add-a-task.md adds, with the lines of its table in place."""
-    space = dict(vars(skillcli.recipe))
-    exec(block_with("add-a-task.md", "class PlanarTask"), space)
-    monkeypatch.setattr(skillcli.recipe, "PlanarTask", space["PlanarTask"], raising=False)
-    exec(block_with("add-a-task.md", "class PlanarEnvironment"), space)
-    text = (DOCS / "add-a-task.md").read_text(encoding="utf-8")
-    lines = dict(re.findall(r"^\| `(_arm_environment|_spec_of|goal_place)` \| `(.*)` \|$", text, flags=re.MULTILINE))
-    tasks = inspect.getsource(skillcli.tasks.registry)
-    for name, line in lines.items():
-        tasks = re.sub(rf"(def {name}\(.*?\) -> [^\n]*:\n)", rf"\1    {line}\n", tasks, count=1, flags=re.DOTALL)
-        assert line in tasks, name
-    exec(tasks, space)
-    assert len(lines) == 3
-    return space
-
-
-def test_the_task_that_is_shown_plays_on_another_robot(planar: dict[str, Any]) -> None:
-    robot, task = load_robot(ROOT / "tests" / "robots" / "servo.toml"), planar["PlanarTask"](horizon=4)
-    env, own = planar["make"](task, 2, 1, robot=robot), planar["make"](task, 2, 1)
-    assert env.arms.model.nu == 8 and own.arms.model.nu == 7, "its gripper has a servo of its own"
-    assert planar["goal_place"](task, (0.5, 0.2)) == [0.5, 0.2, 0.25]
-
-
-def test_a_task_that_leaves_the_robot_out_is_refused_and_not_played_on_the_sawyer(planar: dict[str, Any]) -> None:
-    robot, task = load_robot(ROOT / "tests" / "robots" / "servo.toml"), planar["PlanarTask"]()
-    kind, make = planar["PlanarEnvironment"], planar["make"]
-    planar["_arm_environment"] = lambda task, num, *_: kind(task, num)
-    assert make(task, 1).num == 1
-    with pytest.raises(UsageError, match="planar task plays on the Sawyer only") as caught:
-        make(task, 1, robot=robot)
-    assert "docs/add-a-task.md" in caught.value.hint
-
-
-def test_the_task_that_is_shown_works(planar: dict[str, Any]) -> None:
-    space = planar
-    env = space["PlanarEnvironment"](space["PlanarTask"](horizon=4), 2, 1)
-    env.target[:] = env.judged()
-    env.target[1, 2] += 0.1  # ten centimetres above it: counted once as distance and twice as height
-    reward = env.step(np.zeros((2, 7))).reward
-    assert reward[0] == pytest.approx(0, abs=0.01) and reward[0] - reward[1] == pytest.approx(0.3, abs=0.01)
 
 
 def test_the_planner_that_is_shown_works() -> None:

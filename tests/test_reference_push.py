@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from worlds import model_of, world
 
 from skillcli.recipe import resolve
 from skillcli.store import Store
-from skillcli.tasks.push.environment import push_spec
 from skillcli.tasks.push.settings import PushTask
 from skillcli.trajectories import Array
 from studies.contact import penetration, replay
@@ -35,7 +35,7 @@ def stored(given: str) -> tuple[PushTask, dict[str, Array]]:
 def test_nothing_overlaps_a_box_by_more_than_three_millimetres(given: str) -> None:
     task, recorded = stored(given)
     poses = recorded["joint_position"].reshape(-1, 7), recorded["object_pose"].reshape(-1, 7)
-    assert 0 < penetration(push_spec(task).compile(), *poses) <= 0.003
+    assert 0 < penetration(model_of(task), *poses) <= 0.003
 
 
 @pytest.mark.parametrize("given", STORED)
@@ -53,5 +53,5 @@ def test_a_box_that_nothing_touches_gains_no_speed(given: str) -> None:
 @pytest.mark.parametrize("given", [given for given in STORED if "pretrain" in given])
 def test_half_the_time_step_leads_stored_pushes_to_the_same_places(given: str) -> None:
     task, recorded = stored(given)
-    ends = [replay(task, recorded["action"], halvings)[-1] for halvings in range(2)]
+    ends = [replay(world(task), recorded["action"], halvings)[-1] for halvings in range(2)]
     assert np.linalg.norm(ends[0] - ends[1], axis=1).max() < 0.005

@@ -118,17 +118,21 @@ def tasks(context: typer.Context) -> None:
     """List the tasks and their named compositions."""
     from rich.table import Table
 
-    from skillcli.tasks.registry import CHAINS, COMPOSITIONS, DESCRIPTIONS, INTERPOLATED_SETS
+    from skillcli.tasks.registry import find_task, task_names
+    from skillcli.tasks.world import INTERPOLATED_SETS
 
     session: Session = context.obj
     table = Table("task", "what it is", "compositions", "interpolations")
-    between = {name: [*CHAINS[name], *INTERPOLATED_SETS] for name in DESCRIPTIONS}
-    for name, description in DESCRIPTIONS.items():
-        table.add_row(name, description, ", ".join(COMPOSITIONS[name]), ", ".join(between[name]))
-    listed = [
-        {"name": name, "description": text, "compositions": COMPOSITIONS[name], "interpolations": between[name]}
-        for name, text in DESCRIPTIONS.items()
-    ]
+    listed = []
+    for spec in map(find_task, task_names()):
+        between = [*spec.chains, *INTERPOLATED_SETS]
+        table.add_row(spec.name, spec.description, ", ".join(spec.compositions), ", ".join(between))
+        listed.append({
+            "name": spec.name,
+            "description": spec.description,
+            "compositions": spec.compositions,
+            "interpolations": between,
+        })  # fmt: skip
     session.result({"tasks": listed}, table)
 
 
@@ -248,13 +252,14 @@ def _physics() -> Check:
     """Step the Sawyer once with one and with two threads."""
     import numpy as np
 
-    from skillcli.tasks.reach.environment import ReachEnvironment
-    from skillcli.tasks.reach.settings import ReachTask
+    from skillcli.recipe import load_recipe
+    from skillcli.tasks.world import World
 
+    world = World.of(load_recipe("reach"))
     rows: list[Any] = []
     for threads in (1, 2):
-        env = ReachEnvironment(ReachTask(), 4, threads)
-        env.step(np.ones((4, 7)))
+        env = world.make(4, threads)
+        env.step(np.ones((4, env.action_size)))
         rows.append(env.save(np.arange(4)))
     same = bool((rows[0] == rows[1]).all())
     return "physics", "equal with 1 and 2 threads" if same else "differs between 1 and 2 threads", same

@@ -191,9 +191,9 @@ def transfer_eval(
     domains = list(dict.fromkeys(domain or recipe.transfer.domains))
     other = None
     if robot is not None:
-        from skillcli.robots.robot import load_robot
+        from skillcli.robots.robot import load_robot, load_target
 
-        other = load_robot(robot)
+        other = load_target(robot, load_robot(recipe.robot))
         for note in other.notes:
             session.say(f"{robot}: {note}")
     with _whole("transfer-eval"), session.progress() as report:

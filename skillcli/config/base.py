@@ -9,12 +9,17 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 Vector3 = tuple[float, float, float]
-Joints = tuple[float, float, float, float, float, float, float]
+Joints = tuple[float, ...]  # one number for each joint of the arm
 
 
 def value(default: Any, description: str, unit: str = "", **bounds: Any) -> Any:
     """A recipe field: its default, what it means, its unit, and the bounds it must keep."""
     return Field(default=default, description=description, json_schema_extra={"unit": unit}, **bounds)
+
+
+def optional_value(default: Any, description: str, unit: str = "", **bounds: Any) -> Any:
+    """A recipe field that is written out only where it differs from its default: older stored recipes stay the same."""
+    return value(default, description, unit, exclude_if=lambda given: given == default, **bounds)
 
 
 class Section(BaseModel):

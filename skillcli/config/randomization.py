@@ -19,13 +19,16 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Strict, model_validator
 
 from skillcli.config.base import Section, value
+from skillcli.errors import UsageError
 from skillcli.trajectories import Array
+
+PER_JOINT = 0
 
 
 class Parameter(NamedTuple):
     """One thing that may differ: how many values an episode has of it, and between which bounds they make sense."""
 
-    size: int
+    size: int  # `PER_JOINT`: one for each joint of the arm
     unit: str
     meaning: str
     low: float
@@ -37,16 +40,22 @@ MAX_LATENCY = 0.155  # s: how far back the model's actuators remember their comm
 # What may be changed. Factors multiply the model's own value: 1 changes nothing. Everything else is added: 0 changes nothing.
 PARAMETERS: dict[str, Parameter] = {
     "link_mass": Parameter(
-        7, "factor", "mass and inertia of the link behind each joint; the controller still knows the true weight", 0.01, 100
+        PER_JOINT,
+        "factor",
+        "mass and inertia of each joint's link; the controller still knows the true weight",
+        0.01,
+        100,
     ),
-    "link_inertia": Parameter(7, "factor", "rotational inertia of the link behind each joint, its mass unchanged", 0.01, 100),
-    "armature": Parameter(7, "factor", "inertia of each joint's motor, as felt behind its gear", 0.01, 100),
+    "link_inertia": Parameter(
+        PER_JOINT, "factor", "rotational inertia of the link behind each joint, its mass unchanged", 0.01, 100
+    ),
+    "armature": Parameter(PER_JOINT, "factor", "inertia of each joint's motor, as felt behind its gear", 0.01, 100),
     "gravity_compensation": Parameter(1, "factor", "share of the arm's weight that the controller compensates", 0, 3),
     "object_mass": Parameter(1, "factor", "mass and inertia of the box", 0.01, 100),
     "object_size": Parameter(1, "factor", "edges of the box, its mass unchanged", 0.25, 4),
-    "joint_damping": Parameter(7, "factor", "viscous damping of each joint", 0, 1000),
-    "joint_friction": Parameter(7, "factor", "dry friction of each joint", 0, 1000),
-    "gain": Parameter(7, "factor", "stiffness of each servo, its damping with it", 0, 1000),
+    "joint_damping": Parameter(PER_JOINT, "factor", "viscous damping of each joint", 0, 1000),
+    "joint_friction": Parameter(PER_JOINT, "factor", "dry friction of each joint", 0, 1000),
+    "gain": Parameter(PER_JOINT, "factor", "stiffness of each servo, its damping with it", 0, 1000),
     "contact_friction": Parameter(1, "factor", "sliding friction of table, box and finger", 0, 100),
     "table_height": Parameter(1, "m", "offset of the table top", -0.2, 0.2),
     "table_tilt": Parameter(2, "rad", "rotation of the table about the middle of its top, about x and y", -0.2, 0.2),
@@ -61,13 +70,17 @@ PARAMETERS: dict[str, Parameter] = {
     "position_drift": Parameter(1, "m", "standard deviation of slow noise on measured positions, see drift_time", 0, 1),
     "drift_time": Parameter(1, "s", "time over which slow noise forgets: its correlation falls to 1/e", 0, 3600),
     "joint_offset": Parameter(
-        7, "rad", "error of each joint's zero: angles, commands and the gripper position computed from them alike", -0.5, 0.5
+        PER_JOINT,
+        "rad",
+        "error of each joint's zero: angles, commands and the gripper position computed from them alike",
+        -0.5,
+        0.5,
     ),
     "position_offset": Parameter(3, "m", "constant error of measured positions, as of a camera: x, y and z", -0.5, 0.5),
     "push_rate": Parameter(1, "1/s", "how often something knocks against arm and box", 0, 20),
     "arm_push": Parameter(1, "N s", "impulse of a knock on the last link, in any direction", 0, 50),
     "object_push": Parameter(1, "N s", "impulse of a knock on the box, in any horizontal direction", 0, 10),
-    "start_offset": Parameter(7, "rad", "offset of each joint from the start pose", -3.2, 3.2),
+    "start_offset": Parameter(PER_JOINT, "rad", "offset of each joint from the start pose", -3.2, 3.2),
     "object_offset": Parameter(
         2, "m", "offset of the box from its nominal start, x and y; set beside an arm that it would stand in", -1, 1
     ),
@@ -191,25 +204,43 @@ def _check(name: str, given: Range) -> None:
     if outside:
         told = "as a factor" if unit == "factor" else unit
         raise ValueError(f"{name} must lie between {low:g} and {high:g} {told}, got {outside[0]:g}")
-    if given.kind == "fixed" and len(given.values) != size:
+    if given.kind == "fixed" and size != PER_JOINT and len(given.values) != size:
         raise ValueError(f"{name} has {size} values in each episode, got {len(given.values)}")
 
 
 Ranges = Annotated[dict[str, Range], AfterValidator(_known)]
 
 
-def sample(ranges: Mapping[str, Range], episodes: int, rng: np.random.Generator) -> dict[str, Array]:
-    """Draw parameters for each episode, (E,) or (E, n) by name; see `PARAMETERS`."""
+def _size(name: str, values: Range, joints: int) -> int:
+    """How many values an episode has of a parameter.
+
+    Raises:
+        UsageError: other ones are fixed than the arm has joints.
+    """
+    size = PARAMETERS[name].size or joints
+    if values.kind == "fixed" and len(values.values) != size:
+        raise UsageError(
+            f"{name} has {len(values.values)} values, the arm {size} joints", "give one value for each joint, from the base on"
+        )
+    return size
+
+
+def sample(ranges: Mapping[str, Range], episodes: int, rng: np.random.Generator, joints: int) -> dict[str, Array]:
+    """Draw parameters for each episode of an arm of some joints, (E,) or (E, n) by name; see `PARAMETERS`.
+
+    Raises:
+        UsageError: fixed values do not fit the arm.
+    """
     drawn = {}
     for name, values in sorted(ranges.items()):
-        size = PARAMETERS[name].size
+        size = _size(name, values, joints)
         drawn[name] = values.draw(rng, (episodes,) if size == 1 else (episodes, size))
     return drawn
 
 
-def sample_each(ranges: Mapping[str, Range], rngs: Sequence[np.random.Generator]) -> dict[str, Array]:
+def sample_each(ranges: Mapping[str, Range], rngs: Sequence[np.random.Generator], joints: int) -> dict[str, Array]:
     """Like `sample`, each episode from a generator of its own: more episodes leave the first ones as they were."""
-    drawn = [sample(ranges, 1, rng) for rng in rngs]
+    drawn = [sample(ranges, 1, rng, joints) for rng in rngs]
     return {name: np.concatenate([episode[name] for episode in drawn]) for name in sorted(ranges)}
 
 
@@ -218,14 +249,14 @@ def repeats(ranges: Mapping[str, Range]) -> bool:
     return all(values.constant and (name not in BY_CHANCE or not any(values.values)) for name, values in ranges.items())
 
 
-def fill(ranges: Mapping[str, Range], count: int, rng: np.random.Generator) -> dict[str, Array]:
+def fill(ranges: Mapping[str, Range], count: int, rng: np.random.Generator, joints: int) -> dict[str, Array]:
     """Like `sample`, but spread out: every parameter takes one value out of each of `count` equal shares of its range.
 
     Latin hypercube sampling (McKay, Beckman and Conover 1979): a few robots show what many would.
     """
     filled = {}
     for name, values in sorted(ranges.items()):
-        size = PARAMETERS[name][0]
+        size = _size(name, values, joints)
         order = np.argsort(rng.random((count, size)), axis=0)
         share = (order + rng.random((count, size))) / max(1, count)
         drawn = values.quantile(share)

@@ -15,12 +15,11 @@ from skillcli.config.randomization import PARAMETERS
 from skillcli.errors import StoreError, UsageError
 from skillcli.learning.shapes import weight_shapes
 from skillcli.recipe import Recipe, resolve
+from skillcli.robots.config import bundled_robots, describe_robot
 from skillcli.store import Artifact
 from skillcli.store.migrate import brought_up
 from skillcli.store.schema import check_parents
-from skillcli.tasks.point.settings import PointTask
-from skillcli.tasks.push.settings import PushTask
-from skillcli.tasks.registry import Task, sizes, skill_goals
+from skillcli.tasks.world import recorded, sizes, skill_goals
 from skillcli.trajectories import Array
 
 TRAINED = (
@@ -118,12 +117,13 @@ def _problems(kind: str, recipe: Recipe, arrays: Arrays, results: dict[str, obje
 def _recording(recipe: Recipe, arrays: Arrays, kind: str) -> Iterator[str]:
     """Latents, skills, actions, clock and positions, which every kind has."""
     task, skill = recipe.task, arrays["trajectories/skill"]
-    _, action, _ = sizes(task)
-    steps = skill.shape[1]
+    joints = _joints(recipe, arrays)
+    _, action, _ = sizes(task, joints)
+    steps, places = skill.shape[1], recorded(task, joints)
     wanted = {
         "latent": (*skill.shape, recipe.embedding.size),
         "action": (*skill.shape, action),
-        **({"joint_position": (len(skill), steps + 1, 7)} if not isinstance(task, PointTask) else {}),
+        **{field: (len(skill), steps + 1, size) for field, size in places.items()},
     }
     for field, shape in wanted.items():
         found = arrays.get(f"trajectories/{field}")
@@ -133,7 +133,7 @@ def _recording(recipe: Recipe, arrays: Arrays, kind: str) -> Iterator[str]:
         yield f"trajectories/skill names skill {skill.max()}, there are {len(task.goals)}"
     if not np.allclose(np.diff(arrays["trajectories/time"]), task.control_period, rtol=1e-6):
         yield f"trajectories/time does not go on by {task.control_period} s"
-    if {path.removeprefix("trajectories/") for path in arrays} & _PLACES != _places(task):
+    if {path.removeprefix("trajectories/") for path in arrays} & _PLACES != set(places):
         yield f"its positions are not those of the {task.name} task"
     if kind in ("pretrain", "embed-means") and steps != task.horizon:
         yield f"its episodes have {steps} control steps, its recipe {task.horizon}"
@@ -142,10 +142,11 @@ def _recording(recipe: Recipe, arrays: Arrays, kind: str) -> Iterator[str]:
 _PLACES = {"position", "gripper_position", "object_pose", "joint_position"}
 
 
-def _places(task: Task) -> set[str]:
-    if isinstance(task, PointTask):
-        return {"position"}
-    return {"joint_position", "gripper_position"} | ({"object_pose"} if isinstance(task, PushTask) else set())
+def _joints(recipe: Recipe, arrays: Arrays) -> int:
+    """Joints of the robot; of one whose file may lie elsewhere, as many as were moved."""
+    if recipe.robot in bundled_robots():
+        return len(describe_robot(recipe.robot).joints)
+    return int(arrays["trajectories/action"].shape[-1])
 
 
 def _skills(recipe: Recipe, arrays: Arrays, results: dict[str, object]) -> Iterator[str]:
@@ -162,7 +163,7 @@ def _skills(recipe: Recipe, arrays: Arrays, results: dict[str, object]) -> Itera
 
 def _weights(recipe: Recipe, arrays: Arrays) -> Iterator[str]:
     """Every weight, by name, type and shape; and what the embedding's weights mean."""
-    observation, action, _ = sizes(recipe.task)
+    observation, action, _ = sizes(recipe.task, _joints(recipe, arrays))
     found = {path.removeprefix("weights/"): array for path, array in arrays.items() if path.startswith("weights/")}
     extra = found.get("privileged_normalizer.mean")
     privileged = 0 if extra is None or extra.ndim != 1 else len(extra)  # has been another one

@@ -12,9 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from skillcli.evaluation.sampled_robots import Robots
-from skillcli.recipe import Task as TaskRecipe
 from skillcli.simulation.arm_environment import ArmEnvironment
-from skillcli.tasks.point.settings import PointTask
+from skillcli.tasks.world import World
 from skillcli.trajectories import Array
 
 LATENESS = np.array([0.0, 0.025, 0.05, 0.075, 0.1, 0.15])  # s, told apart
@@ -28,23 +27,23 @@ class Identification:
     """What is known of one target, the source's until something was seen.
 
     Args:
-        task: of the recipe; a point obeys at once, and nothing is to be told.
+        world: of the source; where no engine simulates the task, it obeys at once, and nothing is to be told.
     """
 
-    def __init__(self, task: TaskRecipe) -> None:
-        self._period = task.control_period
+    def __init__(self, world: World) -> None:
+        self._period, self._joints = world.task.control_period, world.joints
         self._robots: ArmEnvironment | None = None
-        if not isinstance(task, PointTask):
-            robots = Robots({"latency": LATENESS}, len(LATENESS)).simulations(task, 1)
+        if world.spec.uses_robot:
+            robots = Robots({"latency": LATENESS}, len(LATENESS)).simulations(world, 1)
             assert isinstance(robots, ArmEnvironment)
-            self._robots, self._limit = robots, task.action_limit
+            self._robots, self._limit = robots, world.task.action_scale
         self.begin()
 
     def begin(self) -> None:
         """Forget what was known: another target stands there."""
         self.lateness = 0.0  # s
-        self.sag = np.zeros(7)  # rad
-        self._unexplained = np.zeros((len(LATENESS), 7))  # rad², summed over the steps
+        self.sag = np.zeros(self._joints)  # rad
+        self._unexplained = np.zeros((len(LATENESS), self._joints))  # rad², summed over the steps
         self._steps, self._weight = 0, DOUBT
 
     def learn(self, state: Array, applied: Sequence[Array], measured: Sequence[Array]) -> None:
@@ -52,15 +51,15 @@ class Identification:
 
         Args:
             state: (1, v) sighting before the first step.
-            applied: increments (7,) rad of each step.
-            measured: joint angles (7,) rad behind each step.
+            applied: increments (J,) rad of each step.
+            measured: joint angles (J,) rad behind each step.
         """
         if self._robots is None or not applied:
             return
         settled = 1 - np.exp(-self._period * np.arange(1, len(applied) + 1) / SETTLING)[:, None]
         weight = float(np.square(settled).sum())
         off = np.array(measured) - self._replay(state, applied, np.tile(self.sag, (len(LATENESS), 1)))
-        further = (settled * off).sum(axis=1) / weight  # (R, 7) least squares of what grows as a servo settles
+        further = (settled * off).sum(axis=1) / weight  # (R, J) least squares of what grows as a servo settles
         most = self._robots.arms.largest_sag
         off = np.array(measured) - self._replay(state, applied, np.clip(self.sag + further, -most, most))
         self._unexplained += np.square(off).sum(axis=1)
@@ -72,9 +71,9 @@ class Identification:
         self.sag = np.clip(self.sag + weight / self._weight * further[likeliest], -most, most)
 
     def _replay(self, state: Array, applied: Sequence[Array], sag: Array) -> Array:
-        """Joint angles of robots of each lateness with `sag` (R, 7) that are sent these increments, (R, T, 7) rad."""
+        """Joint angles of robots of each lateness with `sag` (R, J) that are sent these increments, (R, T, J) rad."""
         assert self._robots is not None
         num = len(LATENESS)
         self._robots.imagine(np.arange(num), np.repeat(state, num, axis=0), sag)
         steps = (self._robots.step(np.tile(increment / self._limit, (num, 1))) for increment in applied)
-        return np.stack([step.observation[:, :7] for step in steps], axis=1)
+        return np.stack([step.observation[:, : self._joints] for step in steps], axis=1)

@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from skillcli.evaluation.consistency import TRAINED, check_meaning, check_same_s
 from skillcli.learning.agent import Agent
 from skillcli.recipe import Recipe
 from skillcli.store import Artifact, ArtifactId, Store
-from skillcli.tasks.registry import sizes
+from skillcli.tasks.world import World
 from skillcli.trajectories import Array
 
 __all__ = [
@@ -23,7 +24,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Library:
     """Frozen skills."""
 
@@ -33,6 +34,11 @@ class Library:
     mean: Array  # (K, d)
     std: Array  # (K, d)
     goals: Array  # (K, 3) m
+
+    @cached_property
+    def world(self) -> World:
+        """The task on the robot that the skills were trained on."""
+        return World.of(self.recipe)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -64,7 +70,7 @@ def open_library(store: Store, artifact: Artifact) -> Library:
         check_meaning(one)
     check_same_skills(artifact, source)
     recipe, weights = stored_recipe(source), source.group("weights")
-    observation, action, _ = sizes(recipe.task)
+    observation, action, _ = World.of(recipe).sizes
     privileged = weights["privileged_normalizer.mean"].shape[0] if "privileged_normalizer.mean" in weights else 0
     agent = Agent(recipe, observation, action, source.arrays["skills/goal"], privileged=privileged)
     agent.load(weights)

@@ -36,7 +36,7 @@ def breaks(library: Library, plans: list[list[Segment]], recording: Trajectories
 
 def _watched(library: Library, plan: list[Segment], robots: Robots) -> tuple[Array, Array]:
     """A plan once more, looked at after every control step: limits broken, (T+1, K) bool, and the gripper, (T+1, 3) m."""
-    env = robots.simulations(library.recipe.task, 1)
+    env = robots.simulations(library.world, 1)
     latent, skill = schedule(plan)
     broken, gripper = [], []
 

@@ -25,7 +25,8 @@ from skillcli.learning.ppo import PpoComposer
 from skillcli.progress import Progress, Report
 from skillcli.recipe import Recipe
 from skillcli.seeding import generator
-from skillcli.tasks.registry import MAX_SIMULATIONS, half_edges
+from skillcli.tasks.registry import half_edges
+from skillcli.tasks.world import MAX_SIMULATIONS
 from skillcli.trajectories import SAFETY_LIMITS, Array
 
 
@@ -85,7 +86,7 @@ class Leg:
     def world(self, slots: int) -> LatentEnvironment:
         """Room for this many latents to be held at once, at the start, unless memory bounds it."""
         count = self.robots.count
-        env = self.robots.simulations(self.recipe.task, min(max(1, MAX_SIMULATIONS // count), slots))
+        env = self.robots.simulations(self.library.world, min(max(1, MAX_SIMULATIONS // count), slots))
         return LatentEnvironment(env, self.library.agent.act, count, SAFETY_LIMITS)
 
     def tell(self, unit: str) -> Callable[[int, int, str], None]:

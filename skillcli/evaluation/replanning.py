@@ -23,11 +23,11 @@ from skillcli.evaluation.rollouts import conduct, met
 from skillcli.evaluation.sampled_robots import Robots
 from skillcli.seeding import generator
 from skillcli.simulation.environment import Environment, Sighting
-from skillcli.tasks.push.settings import PushTask
 from skillcli.trajectories import Array, Trajectories
 
 REPLANS = ("search", "mpc")
 MARGIN = 0.8  # of the tolerance that the judge has: what the sensors show is off by millimetres
+UNBREAKABLE = 3  # limits that every arm has; what an object adds comes behind
 KEPT = ("box_pressed", "box_tipped")  # limits that a plan keeps; noise alone may break those of the arm
 FRICTION = np.array([0.6, 1.0, 1.4, 1.4])  # factors of robots that must not break them either: where it is high a box tips
 DOUBT = 0.01  # rad that their joints rest elsewhere than believed
@@ -82,14 +82,14 @@ class Replanner:
         self._choices = choices_of(leg)
         settings = leg.recipe.transfer
         slots = settings.replan_batch * len(self._choices.latent) if method == "search" else leg.recipe.mpc.samples
-        self._simulations = leg.robots.simulations(leg.recipe.task, slots)
+        self._simulations = leg.robots.simulations(leg.library.world, slots)
         self._lateness = 0.0  # s, of the simulations
-        self._known = Identification(leg.recipe.task)
+        self._known = Identification(leg.library.world)
         self._world = LatentEnvironment(self._simulations, leg.library.agent.act, limits=KEPT)
         self._others: Environment | None = None
-        if method == "search" and isinstance(leg.recipe.task, PushTask):
+        if method == "search" and self._simulations.violations().shape[1] > UNBREAKABLE:
             several = Robots({"latency": np.zeros(len(FRICTION)), "contact_friction": FRICTION}, len(FRICTION))
-            self._others = several.simulations(leg.recipe.task, len(self._choices.latent))
+            self._others = several.simulations(leg.library.world, len(self._choices.latent))
             self._elsewhere = LatentEnvironment(self._others, leg.library.agent.act, len(FRICTION), KEPT)
         self._reckless = LatentEnvironment(self._simulations, leg.library.agent.act)
         self._longest = leg.steps(search.segments[0] if method == "search" else leg.recipe.mpc.segment)
@@ -157,7 +157,10 @@ class Replanner:
         """Choices that break a limit of the box sooner than others do, held where it slides worse or better than believed."""
         if self._others is None:
             return frozenset()
-        each, sag = np.arange(len(FRICTION)), self._known.sag + DOUBT * rng.standard_normal((len(FRICTION), 7))
+        each, sag = (
+            np.arange(len(FRICTION)),
+            self._known.sag + DOUBT * rng.standard_normal((len(FRICTION), self._simulations.joints)),
+        )
         self._others.imagine(each, np.repeat(seen.state, len(each), axis=0), sag)
         latent = self._choices.latent
         rows = np.tile(self._others.save(each).ravel(), (len(latent), 1))
@@ -201,7 +204,7 @@ class _Mission:
         self._path.append(seen.judged[0])
         if len(self._path) > 1:
             self._applied.append(self._target.applied[0].copy())
-            self._measured.append(seen.state[0, :7])
+            self._measured.append(seen.state[0, : self._target.joints])
         if self._arrived():
             return None
         if self._left == 0 and not self._go_on(seen):

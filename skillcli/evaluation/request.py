@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,8 @@ from skillcli.composition.sequence import Entry
 from skillcli.errors import UsageError
 from skillcli.evaluation.library import skill_names
 from skillcli.recipe import Recipe
-from skillcli.tasks.registry import CHAINS, INTERPOLATED_SETS, check_goal, goal_place, named_routes, skill_goals
+from skillcli.tasks.registry import find_task
+from skillcli.tasks.world import INTERPOLATED_SETS, World, skill_goals
 from skillcli.trajectories import Array
 
 Goals = Sequence[Sequence[float]]
@@ -47,7 +48,7 @@ class Request:
             task, goals = recipe.compose.task, recipe.compose.goals
         if not task and not goals:
             raise UsageError("nothing to compose: neither --task nor --goal is given", "see `skill tasks`, or give --goal")
-        if task in (*CHAINS[recipe.task.name], *INTERPOLATED_SETS):
+        if task in (*find_task(recipe.task.name).chains, *INTERPOLATED_SETS):
             raise UsageError(f"{task!r} goes through skills, not to goals", f"use --method interpolate --task {task}")
         return Request(task, _routes(recipe, task, goals))
 
@@ -63,9 +64,10 @@ class Request:
 
 
 def _routes(recipe: Recipe, task: str, goals: Goals) -> tuple[Array, ...]:
-    routes = named_routes(recipe.task, task) if task else (np.array([goal_place(recipe.task, goal) for goal in goals]),)
+    world = World.of(recipe)
+    routes = world.named_routes(task) if task else (np.array([world.place_goal(goal) for goal in goals]),)
     for goal in np.concatenate(routes):
-        check_goal(recipe.task, goal)
+        world.check_goal(goal)
     return routes
 
 
@@ -86,7 +88,7 @@ def _interpolated(recipe: Recipe, task: str, goals: Goals) -> Request:
     if goals:
         raise UsageError("--method interpolate goes through skills, not to goals", "give --skills or --task, or another method")
     settings, names, places = recipe.interpolate, skill_names(recipe), skill_goals(recipe.task)
-    known = CHAINS[recipe.task.name]
+    known = find_task(recipe.task.name).chains
     if not task and not settings.skills:
         task = next(iter(known), "neighbours")
     chains = _pairs(task, places) if task in INTERPOLATED_SETS else [_chain(recipe, task or settings.skills, known)]
@@ -101,7 +103,7 @@ def _pairs(task: str, places: Array) -> list[tuple[int, int]]:
     return pairs
 
 
-def _chain(recipe: Recipe, task: str, known: dict[str, str]) -> list[int]:
+def _chain(recipe: Recipe, task: str, known: Mapping[str, str]) -> list[int]:
     text = known.get(task, "" if task and task != recipe.interpolate.skills else task)
     if not text:
         raise UsageError(

@@ -8,11 +8,10 @@ import numpy as np
 
 from skillcli.config import randomization as perturbation
 from skillcli.recipe import Compose
-from skillcli.recipe import Task as TaskRecipe
 from skillcli.seeding import generator
 from skillcli.simulation.domains import find_domain
 from skillcli.simulation.environment import Environment
-from skillcli.tasks.registry import stand
+from skillcli.tasks.world import World
 from skillcli.trajectories import Array
 
 
@@ -25,35 +24,35 @@ class Robots:
     seed: int = 0  # of their sensors
 
     @staticmethod
-    def of(settings: Compose, on: str, seed: int) -> Robots:
+    def of(settings: Compose, on: str, seed: int, joints: int) -> Robots:
         """What a composition asks for: the target that is planned on, or an ensemble, or neither.
 
         Raises:
             UsageError: the domain is unknown.
         """
         if on:
-            return Robots.drawn(on, seed)
-        return Robots.ensemble(settings.robots, settings.ensemble, seed) if settings.ensemble > 1 else Robots()
+            return Robots.drawn(on, seed, joints)
+        return Robots.ensemble(settings.robots, settings.ensemble, seed, joints) if settings.ensemble > 1 else Robots()
 
     @staticmethod
-    def drawn(domain: str, seed: int) -> Robots:
+    def drawn(domain: str, seed: int, joints: int) -> Robots:
         """One robot out of a domain."""
-        drawn = perturbation.sample(find_domain(domain).parameters, 1, generator(seed, f"target {domain}"))
+        drawn = perturbation.sample(find_domain(domain).parameters, 1, generator(seed, f"target {domain}"), joints)
         return Robots(drawn, 1, seed)
 
     @staticmethod
-    def ensemble(domain: str, count: int, seed: int) -> Robots:
+    def ensemble(domain: str, count: int, seed: int, joints: int) -> Robots:
         """The nominal robot, and others that fill the ranges of a domain evenly."""
         ranges = find_domain(domain).parameters
-        drawn = perturbation.fill(ranges, count - 1, generator(seed, f"ensemble {domain}"))
+        drawn = perturbation.fill(ranges, count - 1, generator(seed, f"ensemble {domain}"), joints)
         whole = {
             name: np.concatenate([np.full((1, *values.shape[1:]), perturbation.NEUTRAL[name]), values])
             for name, values in drawn.items()
         }
         return Robots(whole, count, seed)
 
-    def simulations(self, task: TaskRecipe, slots: int) -> Environment:
+    def simulations(self, world: World, slots: int) -> Environment:
         """Each robot in every slot, at the start; simulation i is robot i modulo M."""
         which = np.arange(slots * self.count) % self.count
         parameters = {name: values[which] for name, values in self.parameters.items()}
-        return stand(task, np.zeros(len(which), dtype=np.int64), parameters, generator(self.seed, "sensors"))
+        return world.stand(np.zeros(len(which), dtype=np.int64), parameters, generator(self.seed, "sensors"))

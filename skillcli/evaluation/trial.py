@@ -12,12 +12,10 @@ from skillcli.evaluation.library import Library
 from skillcli.evaluation.replanning import Replanner
 from skillcli.evaluation.rollouts import play, play_waypoints
 from skillcli.evaluation.script import Script
-from skillcli.robots.robot import Robot
 from skillcli.seeding import generator
 from skillcli.simulation.domains import Domain
 from skillcli.simulation.environment import Environment
-from skillcli.tasks.point.settings import PointTask
-from skillcli.tasks.registry import MAX_SIMULATIONS, begin, make, stand
+from skillcli.tasks.world import MAX_SIMULATIONS, World, begin
 from skillcli.trajectories import Array, Trajectories
 
 
@@ -31,10 +29,10 @@ class Target:
     episodes: int = 1  # E
 
     @staticmethod
-    def drawn(domain: Domain, episodes: int, seed: int) -> Target:
+    def drawn(domain: Domain, episodes: int, seed: int, joints: int) -> Target:
         """Hangs on domain and seed only: whatever is judged meets the same robots, and more episodes the same ones first."""
         rngs = [generator(seed, f"domain {domain.name} {episode}") for episode in range(episodes)]
-        return Target(domain.name, sample_each(domain.parameters, rngs), domain.parameters, episodes)
+        return Target(domain.name, sample_each(domain.parameters, rngs, joints), domain.parameters, episodes)
 
     @property
     def repeats(self) -> bool:
@@ -63,13 +61,13 @@ class Trial:
     Attributes:
         library: the skills.
         seed: of what goes on by chance in an episode, and of planning.
-        robot: the model that stands there, the source's where there is none.
+        world: the task on the robot that stands there.
         replanner: plans again on the way; without it the script is fed as it is.
     """
 
     library: Library
     seed: int
-    robot: Robot | None = None
+    world: World
     replanner: Replanner | None = None
 
     def check(self) -> None:
@@ -78,8 +76,7 @@ class Trial:
         Raises:
             UsageError: it does not.
         """
-        if self.robot is not None:
-            make(self.library.recipe.task, 1, robot=self.robot)
+        self.world.make(1)
 
     def run(self, script: Script, target: Target, told: Callable[[int, int], None] = lambda *_: None) -> Trajectories:
         """Play a script on a target, one episode each; `told` hears of every episode that is planned again."""
@@ -94,8 +91,8 @@ class Trial:
 
     def replay(self, source: Trajectories, target: Target, episodes: int) -> Array:
         """How far the judged point ends from where it ended in the source, whose actions are sent in turn, (E,) m."""
-        task, turn = self.library.recipe.task, np.arange(episodes) % source.episodes
-        actions = source.action / (task.step_limit if isinstance(task, PointTask) else task.action_limit)
+        turn = np.arange(episodes) % source.episodes
+        actions = source.action / self.world.task.action_scale
 
         def send(env: Environment, part: slice) -> Trajectories:
             which = turn[part]
@@ -116,12 +113,12 @@ class Trial:
             parameters = {name: values[part] for name, values in target.parameters.items()}
             skill = np.zeros(part.stop - first, dtype=np.int64)
             sensors = [generator(self.seed, f"sensors {target.name} {episode}") for episode in range(first, part.stop)]
-            recordings.append(play_part(stand(self.library.recipe.task, skill, parameters, sensors, robot=self.robot), part))
+            recordings.append(play_part(self.world.stand(skill, parameters, sensors), part))
         return Trajectories.join(recordings)
 
     def _replan(self, replanner: Replanner, script: Script, target: Target, told: Callable[[int, int], None]) -> Trajectories:
         steps, recordings = replanner.leg.steps(replanner.leg.recipe.transfer.replan_seconds), []
-        env = make(self.library.recipe.task, 1, delay="latency" in target.parameters, robot=self.robot)
+        env = self.world.make(1, delay="latency" in target.parameters)
         for episode, waypoints in enumerate(script.waypoints):
             told(episode, script.episodes)
             one = {name: values[episode : episode + 1] for name, values in target.parameters.items()}

@@ -82,7 +82,7 @@ class Learner:
         chosen = self.recipe.randomisation
         if not chosen.ranges:
             return
-        parameters = perturbation.sample(chosen.ranges, self.env.num, self.rng)
+        parameters = perturbation.sample(chosen.ranges, self.env.num, self.rng, self.env.joints)
         progress = self.iteration / self.recipe.training.iterations
         for ranges, (begin, full) in ((chosen.starts, chosen.starts_span), (chosen.sensing, chosen.sensing_span)):
             share = float(progress >= begin) if begin == full else (progress - begin) / (full - begin)

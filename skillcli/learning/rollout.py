@@ -18,6 +18,7 @@ class VectorEnvironment(Protocol):
     """What training needs of N simulations of a task."""
 
     num: int
+    joints: int  # of the arm
     horizon: int
     observation_size: int
     action_size: int

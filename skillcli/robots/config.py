@@ -1,9 +1,10 @@
-"""How another robot is described: a small TOML file beside its MJCF, bounded and checked here without opening the model."""
+"""How a robot is described: a small TOML file beside its MJCF, bounded and checked here without opening the model."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 from pydantic import ValidationError, field_validator, model_validator
@@ -14,11 +15,10 @@ from skillcli.config.toml_file import read_toml
 from skillcli.errors import UsageError
 
 Quaternion = tuple[float, float, float, float]
-SEVEN = 7
+FEWEST, MOST = 4, 8  # joints of an arm
 SHORTEST_TIMESTEP, LONGEST_TIMESTEP = 1e-4, 0.02  # s
 FARTHEST = 10.0  # m, of any offset: beyond, the arm is nowhere near the table
 _EXAMPLE = "docs/robots.md has an example"
-OTHER_ARM = "skills are joint motions of the Sawyer and do not carry over to another arm; training on one is not possible yet"
 
 
 class Frame(Section):
@@ -52,7 +52,7 @@ class Gripper(Frame):
 
 
 class Gains(Section):
-    """Position control of the seven joints, for a model without position servos; replaces its own where it has them."""
+    """Position control of the joints, for a model without position servos; replaces its own where it has them."""
 
     kp: Joints = value(..., "stiffness of each joint", "N·m/rad")
     kv: Joints = value(..., "damping of each joint", "N·m·s/rad")
@@ -65,45 +65,133 @@ class Gains(Section):
         return self
 
 
+class Workspace(Section):
+    """Where the finger can be, for the check of goals."""
+
+    shoulder: Vector3 = value(..., "on the axis of the first joint, at the height of the second", "m")
+    reach: float = value(..., "no point of the finger is farther from the shoulder", "m", gt=0, le=FARTHEST)
+    base_radius: float = value(0.12, "of the column that base and first link fill", "m", ge=0, le=FARTHEST)
+    base_height: float = value(0.5, "of that column", "m", ge=0, le=FARTHEST)
+
+
 class Description(Section):
     """A robot file."""
 
+    description: str = value("", "what this robot is, in one line", "")
     model: str = value(..., "the MJCF file, relative to the robot file", "", min_length=1)
-    joints: tuple[str, ...] = value(..., "the seven arm joints, from the base to the hand", "")
+    joints: tuple[str, ...] = value(..., "the arm joints, from the base to the hand", "")
     gripper: Gripper = value(..., "where the finger is mounted, or ends", "")
     finger: tuple[str, ...] | None = value(
         None, "geoms, or bodies with all their geoms, that push; [] for none; without this key ours is mounted at the gripper"
+    )
+    verbatim: bool = value(
+        False,
+        "take the model as it is: the arm alone, with a position servo named after each joint, and the site `gripper`",
     )
     gains: Gains | None = value(None, "position control, where the model has torque motors or no actuators", "")
     actuators: tuple[str, ...] | None = value(None, "the actuator of each joint, where a joint has several", "")
     gravity_compensation: bool | None = value(
         None, "whether the controller carries the arm; by default yes with `gains`, else as the model says", strict=True
     )
-    start: Joints | None = value(None, "joint vector at reset; by default the task's", "rad")
-    speed_limit: Joints | None = value(None, "largest speed of each joint; by default the Sawyer's data sheet", "rad/s")
+    start: Joints | None = value(None, "joint vector at reset", "rad")
+    starts: dict[str, Joints] = value({}, "joint vector at reset of single tasks, where it is another one", "rad")
+    speed_limit: Joints | None = value(None, "largest speed of each joint, of the arm's own data sheet", "rad/s")
     timestep: float | None = value(
         None, "of the physics; by default the model's own", "s", ge=SHORTEST_TIMESTEP, le=LONGEST_TIMESTEP, strict=True
     )
     base: Frame = Frame()
+    workspace: Workspace | None = value(None, "where the finger can be; by default worked out from the model", "")
 
     @field_validator("speed_limit")
     @classmethod
     def _positive(cls, given: Joints | None) -> Joints | None:
-        if given is not None and min(given) <= 0:
+        if given is not None and min(given, default=1.0) <= 0:
             raise ValueError("every speed must be positive")
         return given
 
     @field_validator("joints", "actuators")
     @classmethod
-    def _seven(cls, given: tuple[str, ...] | None) -> tuple[str, ...] | None:
+    def _different(cls, given: tuple[str, ...] | None) -> tuple[str, ...] | None:
         if given is None:
             return None
-        if len(given) != SEVEN:
-            raise ValueError(f"must name seven, from the base to the hand, got {len(given)}")
         twice = sorted({item for item in given if given.count(item) > 1})
         if twice:
             raise ValueError(f"names {twice[0]!r} more than once")
         return given
+
+    @field_validator("joints")
+    @classmethod
+    def _an_arm(cls, given: tuple[str, ...]) -> tuple[str, ...]:
+        if not FEWEST <= len(given) <= MOST:
+            raise ValueError(f"must name {FEWEST} to {MOST}, from the base to the hand, got {len(given)}")
+        return given
+
+    @model_validator(mode="after")
+    def _one_of_each_joint(self) -> Description:
+        given = {"start": self.start, "speed_limit": self.speed_limit, "actuators": self.actuators}
+        given |= {f"starts.{task}": start for task, start in self.starts.items()}
+        if self.gains is not None:
+            given |= {"gains.kp": self.gains.kp, "gains.kv": self.gains.kv, "gains.force": self.gains.force}
+        for key, values in given.items():
+            if values is not None and len(values) != len(self.joints):
+                raise ValueError(f"{key}: expected {len(self.joints)} values, one for each joint, got {len(values)}")
+        if self.verbatim and (self.gains or self.actuators or self.gravity_compensation is not None):
+            raise ValueError("verbatim: the model is taken as it is, so gains, actuators and gravity_compensation say nothing")
+        return self
+
+
+def bundled_robots() -> list[str]:
+    """Names of the robots that come along, sorted."""
+    return sorted(path.parent.name for path in Path(__file__).parent.glob("*/*.toml") if path.stem == path.parent.name)
+
+
+def bundled_file(name: str) -> Path:
+    """The file of a bundled robot."""
+    return Path(__file__).parent / name / f"{name}.toml"
+
+
+def is_path(which: str) -> bool:
+    """Whether a robot is named by its file: what ends in .toml or has a slash in it."""
+    return which.endswith(".toml") or "/" in which or "\\" in which
+
+
+def find_robot_file(which: str | Path) -> Path | None:
+    """The robot file that is meant, None for a bundled robot.
+
+    Raises:
+        UsageError: it is neither.
+    """
+    text = str(which)
+    if text in bundled_robots():
+        return None
+    if isinstance(which, Path) or is_path(text):
+        return Path(which).expanduser()
+    known = ", ".join(bundled_robots())
+    raise UsageError(f"no robot {text!r}", f"robots: {known}; or give the path of a robot file (docs/robots.md)")
+
+
+@cache
+def _bundled(name: str) -> Description:
+    return read_description(bundled_file(name))
+
+
+def describe_robot(which: str) -> Description:
+    """What the file of a robot says; without opening its model.
+
+    Raises:
+        UsageError: there is no such robot, or its file is wrong.
+    """
+    path = find_robot_file(which)
+    if path is None:
+        return _bundled(which)
+    with blaming(path):
+        return read_description(path)
+
+
+def start_of(which: str, task: str) -> tuple[float, ...]:
+    """Joint vector at reset of a robot for a task, (n,) rad: where its file has it, else all zeros."""
+    said = describe_robot(which)
+    return said.starts.get(task, said.start) or (0.0,) * len(said.joints)
 
 
 def read_description(path: Path) -> Description:
@@ -140,6 +228,4 @@ def _explained(error: ValidationError) -> tuple[str, str]:
         return f"unknown key {found.key!r}", f"keys here: {', '.join(found.known)}"
     if found.kind == "missing":
         return f"{found.key!r} is missing", _EXAMPLE
-    seven = found.keys[:1] == ("joints",) and found.said.startswith("must name seven")
-    hint = f"{_EXAMPLE}; an arm with another number of joints is another arm: {OTHER_ARM}" if seven else _EXAMPLE
-    return (f"{found.key}{found.entry}: " if found.keys else "") + found.said, hint
+    return (f"{found.key}{found.entry}: " if found.keys else "") + found.said, _EXAMPLE

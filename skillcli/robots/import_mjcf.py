@@ -1,4 +1,4 @@
-"""A foreign arm behind our table: alone, driven by seven position servos, with a finger."""
+"""A foreign arm behind our table: alone, driven by position servos, with a finger."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ import mujoco
 import numpy as np
 
 from skillcli.errors import UsageError
-from skillcli.robots import sawyer
-from skillcli.robots.build import check_build
 from skillcli.robots.config import Description, Gripper
+from skillcli.robots.match import Source, check_build
 from skillcli.robots.mjcf import (
     check_joints,
     check_numbers,
@@ -23,20 +22,24 @@ from skillcli.robots.mjcf import (
     read_mjcf,
     upwards,
 )
+from skillcli.robots.scene import GRIPPER, Names, add_table
 from skillcli.robots.servos import Servo, add_servo, find_servos, lay_on_joint
 
+FINGER_FILE = Path(__file__).parent / "finger.xml"
+OUR_FINGER = ("palm", "rod")
 PREFIX = "robot/"  # of all names of the foreign model, so that none is one of ours
 # Flags of a model that would switch off what a task needs, and one that would hide an unstable simulation.
 _NEEDED = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_ACTUATION | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
 _AUTORESET = mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
 
-def build(path: Path, description: Description) -> tuple[mujoco.MjSpec, sawyer.Names, list[Servo], list[str]]:
+def build(path: Path, description: Description, source: Source | None) -> tuple[mujoco.MjSpec, Names, list[Servo], list[str]]:
     """The foreign arm behind our table: the scene, what it calls its parts, its servos, and notes of what was left out.
 
     Args:
         path: of the MJCF file.
         description: of the robot.
+        source: the arm that it has to be built as, where it is to play the skills of that one.
 
     Raises:
         UsageError: the model does not fit the description, or cannot be simulated.
@@ -48,7 +51,8 @@ def build(path: Path, description: Description) -> tuple[mujoco.MjSpec, sawyer.N
     locked = lock_loose_joints(child, description.joints)
     model = compile_model(child, path)
     check_numbers(model, path)
-    check_build(model, description.joints)
+    if source is not None:
+        check_build(model, description.joints, source)
     if missing and not (model.geom_contype | model.geom_conaffinity).any():
         raise UsageError("model: nothing is left of the arm that can touch anything", f"{missing[0]}; put the files there")
     servos, replaced = find_servos(model, description.joints, description.actuators, description.gains)
@@ -60,8 +64,8 @@ def build(path: Path, description: Description) -> tuple[mujoco.MjSpec, sawyer.N
     _compensate(child, description, carried=bool(weightless))
     scene = _mount(child, description, servos)
     _put_finger(scene.body(PREFIX + holder), pos, quat, own=geoms is not None, default=scene.default)
-    finger = sawyer.NAMES.finger if geoms is None else tuple(PREFIX + name for name in geoms)
-    names = sawyer.Names(tuple(PREFIX + name for name in description.joints), sawyer.NAMES.servos, finger)
+    finger = OUR_FINGER if geoms is None else tuple(PREFIX + name for name in geoms)
+    names = Names(tuple(PREFIX + name for name in description.joints), _servo_names(servos), finger)
     weighed = ["settotalmass is not applied: the masses are those of the links"] if child.compiler.settotalmass > 0 else []
     return scene, names, servos, missing + locked + weighed + weightless
 
@@ -147,14 +151,14 @@ def _mount(child: mujoco.MjSpec, description: Description, servos: list[Servo]) 
     scene.compiler.degree = False
     for field in (name for name in dir(child.option) if not name.startswith("_")):
         setattr(scene.option, field, getattr(child.option, field))
-    scene.option.jacobian = child.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # see models/sawyer.xml
+    scene.option.jacobian = child.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # see sawyer/sawyer.xml
     flags = int(child.option.disableflags) & ~int(_NEEDED) | int(_AUTORESET)
     scene.option.disableflags = child.option.disableflags = flags
     scene.option.enableflags = child.option.enableflags = 0
     scene.option.disableactuator = child.option.disableactuator = 0
     child.memory = scene.memory  # else the two would be reported to disagree
-    sawyer.add_table(scene)
-    for name, servo in zip(sawyer.NAMES.servos, servos, strict=True):
+    add_table(scene)
+    for name, servo in zip(_servo_names(servos), servos, strict=True):
         add_servo(scene, name, PREFIX + servo.joint, servo)
         lay_on_joint(child.joint(servo.joint), servo)
     frame = scene.worldbody.add_frame(pos=description.base.pos, quat=description.base.quat)
@@ -162,12 +166,16 @@ def _mount(child: mujoco.MjSpec, description: Description, servos: list[Servo]) 
     return scene
 
 
+def _servo_names(servos: list[Servo]) -> tuple[str, ...]:
+    return tuple(f"servo{index}" for index in range(len(servos)))
+
+
 def _put_finger(hand: Any, pos: list[float], quat: list[float], own: bool, default: Any) -> None:
     """Mark the tip of the arm's own finger, or mount ours, as the site that tasks judge."""
     if own:
-        hand.add_site(default, name=sawyer.GRIPPER, pos=pos, quat=quat)
+        hand.add_site(default, name=GRIPPER, pos=pos, quat=quat)
         return
-    ours = mujoco.MjSpec.from_file(str(sawyer.MODEL_FILE)).body("finger")
+    ours = mujoco.MjSpec.from_file(str(FINGER_FILE)).body("finger")
     body = hand.add_body(default, name="finger", pos=pos, quat=quat, gravcomp=hand.gravcomp)
     for geom in ours.geoms:
         shape = {key: np.copy(getattr(geom, key)) for key in ("size", "fromto", "rgba")}

@@ -170,10 +170,10 @@ def check_joints(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
                 f"joints: no joint {name!r} in the model", f"joints there: {', '.join(filter(None, known)) or 'none'}"
             )
         if known[name].type != _HINGE:
-            raise UsageError(f"joints: {name!r} is not a hinge", "the arm has seven joints that turn")
+            raise UsageError(f"joints: {name!r} is not a hinge", "all joints of the arm turn")
     for inner, outer in pairwise(joints):
         if known[inner].parent.name not in [body.name for body in upwards(known[outer].parent)]:
-            raise UsageError(f"joints: {outer!r} does not hang on {inner!r}", "name the seven from the base to the hand")
+            raise UsageError(f"joints: {outer!r} does not hang on {inner!r}", "name them from the base to the hand")
 
 
 def upwards(body: Any) -> Iterable[Any]:

@@ -1,4 +1,4 @@
-"""The seven position servos of a foreign arm, whatever drives it there: brought to one form, in rad and N·m at the joint."""
+"""The position servos of a foreign arm, whatever drives it there: brought to one form, in rad and N·m at the joint."""
 
 from __future__ import annotations
 
@@ -129,7 +129,8 @@ def _no_single_servo(model: mujoco.MjModel, joint: str, acting: list[int], own: 
         return UsageError(f"joint {joint!r} has {len(own)} position servos: {names}", "say which, with `actuators`")
     what = "no position servo, only a motor or another actuator" if acting else "no actuator"
     return UsageError(
-        f"gains: joint {joint!r} has {what}", "give [gains] with kp and kv, seven numbers each; for a Sawyer about 500 and 50"
+        f"gains: joint {joint!r} has {what}",
+        "give [gains] with kp and kv, one number for each joint; for a Sawyer about 500 and 50",
     )
 
 

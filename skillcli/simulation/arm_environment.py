@@ -1,20 +1,20 @@
-"""What every task of the Sawyer shares: N arms with a start, a clock, sensors and a robot of their own."""
+"""What every task of an arm shares: N arms with a start, a clock, sensors and a robot of their own."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
+from typing import ClassVar
 
 import mujoco
 import numpy as np
 
-from skillcli.robots import sawyer
 from skillcli.robots.robot import Robot
 from skillcli.simulation import disturbance, sensors
 from skillcli.simulation.arms import Arms
 from skillcli.simulation.chance import Rng
 from skillcli.simulation.disturbance import Disturbance
-from skillcli.simulation.environment import Array, Sighting, Step
+from skillcli.simulation.environment import Array, ObservationTerm, RewardTerms, Sighting, Step, total_reward
 from skillcli.simulation.safety import RANGE_TOLERANCE, STIFF_TABLE_TOLERANCE, Clearance
 from skillcli.simulation.sensors import Sensors
 from skillcli.simulation.settings import ArmTask
@@ -23,59 +23,73 @@ REMEMBERED = 3  # control steps of which commands are kept for a look: as far ba
 
 
 class ArmEnvironment:
-    """N Sawyer arms; a task says what is seen beside the joints, what is judged, what earns reward and what has failed.
+    """N arms; a task says what is seen beside the joints, what is judged, what earns reward and what has failed.
 
-    Observation (10): seven joint angles, rad, and one position, m; then what else a task of its own shows; and, where the task
-    says so, seven more: how far the commanded joint target leads the measured joints, rad, which tells commands that are
-    delayed or not yet obeyed. Action (7): joint increments in units of the action limit.
+    Observation: J joint angles, rad, and one position, m; then what else a task of its own shows; and, where the task says so,
+    how far the commanded joint target leads the measured joints, rad, which tells commands that are delayed or not yet obeyed.
+    Action (J): joint increments in units of the action limit.
 
     Args:
         task: start, clock and limits.
-        spec: the scene.
+        robot: whose arm stands in the scene.
         goals: (K, 3) m.
         num: simulations.
         threads: of the engine, 0 for all cores; results do not depend on it.
-        robot: whose arm stands in the scene, the source's where there is none.
+        delay: whether a domain may delay the actuators.
     """
 
-    action_size = 7
-    privileged_size = 0
     failure_reward = 0.0  # of the step that fails
     table_tolerance = STIFF_TABLE_TOLERANCE
+    position_term = ObservationTerm("gripper_position", "m", 3)  # what stands beside the joints
+    shown_terms: ClassVar[tuple[ObservationTerm, ...]] = ()  # what else a task shows
+    privileged_terms: ClassVar[tuple[ObservationTerm, ...]] = ()  # what only a value function sees
+    recorded: ClassVar[Mapping[str, int]] = {"gripper_position": 3}  # fields of a recording beside the joints, and their sizes
 
-    def __init__(
-        self, task: ArmTask, spec: mujoco.MjSpec, goals: Array, num: int, threads: int, robot: Robot | None = None
-    ) -> None:
+    def __init__(self, task: ArmTask, robot: Robot, goals: Array, num: int, threads: int = 0, delay: bool = False) -> None:
         self.num, self.horizon, self.tolerance, self.robot = num, task.horizon, task.tolerance, robot
         self.control_period = task.control_period
         self._observe_command = task.observe_command
-        self.shown_size, self.observation_size = self.shows(task), self.observes(task)
+        joints = robot.joint_count
+        self.joints = self.action_size = joints
+        self.observation_size = sum(term.size for term in self.observation_terms(task, joints))
+        self.privileged_size = sum(term.size for term in self.privileged_terms)
+        self.shown_size = sum(term.size for term in self.shows(task))
+        spec = self.scene(task, robot, delay)
         substeps = round(task.control_period / spec.option.timestep)
-        names = robot.names if robot else sawyer.NAMES
-        self.arms = Arms(spec.compile(), num, substeps, task.action_limit, threads, names)
+        self.arms = Arms(spec.compile(), num, substeps, task.action_limit, robot.names, threads)
         self.goals = goals
         self.target = np.zeros((num, 3))
-        self.applied, self.unstable = np.zeros((num, 7)), np.zeros(num, dtype=bool)
-        self._start = np.array(robot.start(task) if robot else task.start)
-        self._speed_limit = robot.speed_limit if robot else sawyer.VELOCITY_LIMIT
-        self._start_offset = np.zeros((num, 7))  # rad
+        self.applied, self.unstable = np.zeros((num, joints)), np.zeros(num, dtype=bool)
+        self._start = np.array(start_of(task, robot))
+        self._speed_limit = robot.speed_limit
+        self._start_offset = np.zeros((num, joints))  # rad
         self._elapsed = np.zeros(num, dtype=np.int64)
         self._past: deque[tuple[Array, Array]] = deque(maxlen=REMEMBERED)  # measured joints and commanded targets, rad
         self._joint_offset: Array | None = None  # rad
         self._sensors: Sensors | None = None  # None: everything is measured as it is
         self._disturbance: Disturbance | None = None
         self._clearance: Clearance | None = None  # made when it is first asked for
+        self.set_up(task)
         self.reset(np.arange(num), np.zeros(num, dtype=np.int64))
 
     @classmethod
-    def shows(cls, task: ArmTask) -> int:
-        """How many numbers `shown` has."""
-        return 0
+    def scene(cls, task: ArmTask, robot: Robot, delay: bool = False) -> mujoco.MjSpec:
+        """The arm behind its table, and what a task adds."""
+        return robot.arm_spec(start_of(task, robot), task.timestep, task.control_period, delay)
+
+    def set_up(self, task: ArmTask) -> None:
+        """Set what a task of its own keeps, before the first reset."""
 
     @classmethod
-    def observes(cls, task: ArmTask) -> int:
-        """Size of the observation of a task."""
-        return 10 + cls.shows(task) + (7 if task.observe_command else 0)
+    def shows(cls, task: ArmTask) -> tuple[ObservationTerm, ...]:
+        """What `shown` holds."""
+        return cls.shown_terms
+
+    @classmethod
+    def observation_terms(cls, task: ArmTask, joints: int) -> tuple[ObservationTerm, ...]:
+        """What the policy sees, in order."""
+        seen = (ObservationTerm("joint_position", "rad", joints), cls.position_term, *cls.shows(task))
+        return (*seen, ObservationTerm("command_lead", "rad", joints)) if task.observe_command else seen
 
     def position(self) -> Array:
         """What is observed beside the joints, (N, 3) m."""
@@ -93,9 +107,13 @@ class ArmEnvironment:
         """See `Environment`."""
         return self.judged()[:, None]
 
+    def reward_terms(self) -> RewardTerms:
+        """What the present state earns and costs, by name, weighted, (N,) each."""
+        raise NotImplementedError
+
     def reward(self) -> Array:
         """The task's reward for the present state, (N,)."""
-        raise NotImplementedError
+        return total_reward(self.reward_terms())
 
     def failed(self) -> Array:
         """Which simulations have failed for good, (N,) bool."""
@@ -134,7 +152,7 @@ class ArmEnvironment:
             self._sensors.begin(ids, self._true()[ids])
 
     def _true(self) -> Array:
-        """What perfect sensors would report, (N, 10); the arm computes its gripper position from its joint angles.
+        """What perfect sensors would report, (N, J+3); the arm computes its gripper position from its joint angles.
 
         A task may add columns that its look needs as late as these.
         """
@@ -145,24 +163,26 @@ class ArmEnvironment:
 
     def observe(self) -> Array:
         """See `Environment`."""
+        joints = self.action_size
+        measured = joints + 3
         observation = np.empty((self.num, self.observation_size), dtype=np.float32)
         if self._sensors is None:
-            observation[:, :7] = self.arms.joint_position
-            observation[:, 7:10] = self.position()
-            self._measured = observation[:, :10]
+            observation[:, :joints] = self.arms.joint_position
+            observation[:, joints:measured] = self.position()
+            self._measured = observation[:, :measured]
         else:
             self._measured = self._sensors.read().astype(np.float32)
-            observation[:, :10] = self._measured[:, :10]
+            observation[:, :measured] = self._measured[:, :measured]
         if self.shown_size:
-            observation[:, 10 : 10 + self.shown_size] = self.shown()
+            observation[:, measured : measured + self.shown_size] = self.shown()
         if self._observe_command:
-            observation[:, -7:] = self._commanded() - observation[:, :7]
+            observation[:, -joints:] = self._commanded() - observation[:, :joints]
         return observation
 
     def perturb(self, parameters: Mapping[str, Array], rng: Rng) -> None:
         """See `Environment`."""
         self.arms.perturb(parameters)
-        start = np.broadcast_to(parameters.get("start_offset", 0.0), (self.num, 7))
+        start = np.broadcast_to(parameters.get("start_offset", 0.0), (self.num, self.action_size))
         offset = parameters.get("joint_offset")
         self._joint_offset = offset if offset is not None and offset.any() else None
         # The arm goes where its encoders say the start is. From there on an offset that commands share with angles has no
@@ -173,14 +193,14 @@ class ArmEnvironment:
             self._disturbance = Disturbance(parameters, self.num, self.arms.substeps, self.control_period, rng)
         if sensors.needed(parameters):
             true = self._true()
-            self._sensors = Sensors(parameters, self.num, self.control_period, rng, true.shape[1])
+            self._sensors = Sensors(parameters, self.num, self.control_period, rng, self.action_size, true.shape[1])
             self._sensors.begin(np.arange(self.num), true)
 
     def step(self, action: Array) -> Step:
         """See `Environment`."""
         before = self._commanded()
         self.applied = self._move(self.arms.action_limit * action)
-        self._past.append((self._measured[:, :7], before))
+        self._past.append((self._measured[:, : self.action_size], before))
         self._elapsed += 1
         self.unstable, failed = self.arms.unstable(), self.failed()
         if failed.any():  # a failed episode ends in a clear state, at the start, and never in NaN
@@ -199,33 +219,34 @@ class ArmEnvironment:
     def look(self) -> Sighting:
         """See `Environment`: joints and their velocities, the targets commanded of late, and the pose of the object."""
         steps = min(2, len(self._past))  # over one step the noise of the sensors would drown the velocity
-        velocity = np.zeros((self.num, 7))
+        velocity = np.zeros((self.num, self.action_size))
         if steps:
-            velocity[:] = (self._measured[:, :7] - self._past[-steps][0]) / (steps * self.control_period)
+            velocity[:] = (self._measured[:, : self.action_size] - self._past[-steps][0]) / (steps * self.control_period)
         commands = [command for _, command in self._past]
         commands = [*commands, self._commanded()]
         commands = [commands[0]] * (REMEMBERED + 1 - len(commands)) + commands
         object_pose = self.object_seen()
-        parts = (self._measured[:, :7], velocity, *commands, *(() if object_pose is None else (object_pose,)))
+        parts = (self._measured[:, : self.action_size], velocity, *commands, *(() if object_pose is None else (object_pose,)))
         return Sighting(np.concatenate(parts, axis=1), self.judged_seen(object_pose))
 
     def object_seen(self) -> Array | None:
-        """Pose of the object as a camera shows it, (N, 7), None without one."""
+        """Pose of the object as a camera shows it, (N, J), None without one."""
         return None
 
     def judged_seen(self, object_pose: Array | None) -> Array:
         """Where the judged point seems to be, (N, 3) m."""
-        return self._measured[:, 7:].astype(float)
+        return self._measured[:, self.action_size :].astype(float)
 
     def imagine(self, ids: Array, state: Array, sag: Array | None = None) -> None:
         """See `Environment`."""
-        joints, velocity, rest = state[:, :7], state[:, 7:14], state[:, 14:]
-        commands = rest[:, : 7 * (REMEMBERED + 1)].reshape(len(ids), REMEMBERED + 1, 7)
-        pose = rest[:, 7 * (REMEMBERED + 1) :]
+        n = self.action_size
+        joints, velocity, rest = state[:, :n], state[:, n : 2 * n], state[:, 2 * n :]
+        commands = rest[:, : n * (REMEMBERED + 1)].reshape(len(ids), REMEMBERED + 1, n)
+        pose = rest[:, n * (REMEMBERED + 1) :]
         self.arms.assume(ids, joints, velocity, commands, pose if pose.shape[1] else None, sag)
 
     def _commanded(self) -> Array:
-        """Commanded targets as the controller shows them, (N, 7) rad: they share the offset of the encoders."""
+        """Commanded targets as the controller shows them, (N, J) rad: they share the offset of the encoders."""
         if self._joint_offset is None:
             return self.arms.commanded.copy()
         shown: Array = self.arms.commanded + self._joint_offset
@@ -267,3 +288,8 @@ class ArmEnvironment:
             "joint_position": self.arms.joint_position,
             "gripper_position": self.arms.gripper_position.copy(),
         }
+
+
+def start_of(task: ArmTask, robot: Robot) -> tuple[float, ...]:
+    """Joint vector at reset, (J,) rad: what the task says, else what the robot's file says for it."""
+    return task.start or robot.start(task.name)

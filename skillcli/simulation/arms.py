@@ -11,7 +11,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 import skillcli.robots.quiet  # noqa: F401
-from skillcli.robots.sawyer import GRIPPER, LIMIT_MARGIN, NAMES, Names
+from skillcli.robots.scene import GRIPPER, LIMIT_MARGIN, Names
 from skillcli.simulation import table
 
 Array = NDArray[Any]
@@ -32,13 +32,13 @@ class Arms:
     It lives in the simulation's control vector, so a saved row is the whole state.
 
     Args:
-        model: has seven joints with one position servo each, whose controls follow each other in that order, the site
+        model: has n joints with one position servo each, whose controls follow each other in that order, the site
             "gripper" and the geom "table"; it may have one object, a body "box" with a free joint and a geom of that name.
         num: simulations.
         substeps: physics steps per control step.
         action_limit: largest joint increment per control step, rad.
-        threads: of the engine; results do not depend on it. 0 takes all cores.
         names: what the model calls its joints, servos and finger.
+        threads: of the engine; results do not depend on it. 0 takes all cores.
     """
 
     # The target may lead the arm by this much, rad: the servos lag 0.08 rad at full speed, and an arm that is held back
@@ -51,8 +51,8 @@ class Arms:
         num: int,
         substeps: int,
         action_limit: float,
+        names: Names,
         threads: int = 0,
-        names: Names = NAMES,
     ) -> None:
         self.model, self.num, self.substeps, self.action_limit = model, num, substeps, action_limit
         self.batch = Batch(model, num, threads, persistent=True)
@@ -61,7 +61,7 @@ class Arms:
         self._stiffness = -model.actuator_biasprm[servos, 1]  # N·m/rad
         limited = model.actuator_forcelimited[servos].astype(bool)
         strength = np.where(limited, model.actuator_forcerange[servos, 1], np.inf)  # N·m
-        self.largest_sag = strength / self._stiffness  # (7,) rad: what no servo can hold against would drive a joint away
+        self.largest_sag = strength / self._stiffness  # (J,) rad: what no servo can hold against would drive a joint away
         joints = [model.joint(name) for name in names.joints]
         self._qpos_address = np.array([joint.qposadr[0] for joint in joints])
         self._dof_address = np.array([joint.dofadr[0] for joint in joints])
@@ -91,24 +91,24 @@ class Arms:
 
     @property
     def joint_position(self) -> Array:
-        """True joint angles, (N, 7) rad."""
+        """True joint angles, (N, J) rad."""
         arm: Array = self._qpos[:, self._qpos_address]
         return arm
 
     @property
     def commanded(self) -> Array:
-        """Commanded joint targets, delayed ones too, (N, 7) rad; a live view."""
+        """Commanded joint targets, delayed ones too, (N, J) rad; a live view."""
         target: Array = self._ctrl
         return target
 
     @property
     def joint_velocity(self) -> Array:
-        """True joint speeds, (N, 7) rad/s."""
+        """True joint speeds, (N, J) rad/s."""
         speed: Array = self._qvel[:, self._dof_address]
         return speed
 
     def past_range(self) -> Array:
-        """How far each joint is past the end of its range, (N, 7) rad; negative inside."""
+        """How far each joint is past the end of its range, (N, J) rad; negative inside."""
         low, high = self._range.T
         arm = self.joint_position
         past: Array = np.maximum(low - arm, arm - high)
@@ -143,7 +143,7 @@ class Arms:
         return force
 
     def place(self, ids: Array, joint_position: Array, object_pose: Array | None = None) -> None:
-        """Put arms at rest at joint positions (n, 7) rad, clipped to the joint range, their servos holding them there.
+        """Put arms at rest at joint positions (n, J) rad, clipped to the joint range, their servos holding them there.
 
         The object, where there is one, is put at poses (n, 7) m and w x y z, at rest.
         """
@@ -163,12 +163,12 @@ class Arms:
 
         Args:
             ids: (n,) simulations.
-            joint_position: (n, 7) rad.
-            joint_velocity: (n, 7) rad/s.
-            commands: (n, c, 7) rad, the commanded targets of the last control steps, the present one last; before them, the
+            joint_position: (n, J) rad.
+            joint_velocity: (n, J) rad/s.
+            commands: (n, c, J) rad, the commanded targets of the last control steps, the present one last; before them, the
                 first of them held.
             object_pose: (n, 7) m and w x y z.
-            sag: (n, 7) rad, how far from their targets the joints come to rest: from now on a torque pulls them there. Part of
+            sag: (n, J) rad, how far from their targets the joints come to rest: from now on a torque pulls them there. Part of
                 the state; `largest_sag` at most.
         """
         self.batch.state[ids] = self._default_row
@@ -183,14 +183,14 @@ class Arms:
         self.batch.forward(np.sort(ids), stage=_NEW_STATE)
 
     def move(self, increment: Array, lateness: Array | None = None) -> Array:
-        """Add increments (N, 7) rad to the commanded targets and advance by one control step.
+        """Add increments (N, J) rad to the commanded targets and advance by one control step.
 
         Args:
             increment: of each joint's target.
             lateness: (N,) physics steps, of this control step, in which the targets before still hold.
 
         Returns:
-            (N, 7) rad: the increments after clipping to the action limit.
+            (N, J) rad: the increments after clipping to the action limit.
         """
         increment = np.clip(increment, -self.action_limit, self.action_limit)
         measured = self.joint_position
@@ -221,7 +221,7 @@ class Arms:
         """Make each simulation a robot of its own, whatever it was; see `skillcli.config.randomization.PARAMETERS`.
 
         Args:
-            parameters: (N,) or (N, 7) by name; what is absent stays as in the model. Start and sensors are not the
+            parameters: (N,) or (N, n) by name; what is absent stays as in the model. Start and sensors are not the
                 engine's business.
         """
         batch, model = self.batch, self.model
@@ -285,7 +285,7 @@ class Arms:
         self.batch.bind("xfrc_applied")[:] = 0.0
 
     def reported_shift(self, offset: Array) -> Array:
-        """How far the gripper position computed from joint angles is off that are off by (N, 7) rad, (N, 3) m; first order."""
+        """How far the gripper position computed from joint angles is off that are off by (N, J) rad, (N, 3) m; first order."""
         joints = [self.model.joint(name).id for name in self.names.joints]
         axis, anchor = self.batch.bind("xaxis")[:, joints], self.batch.bind("xanchor")[:, joints]
         shift: Array = np.einsum("nj,njk->nk", offset, np.cross(axis, self._site[:, None] - anchor))
@@ -317,7 +317,7 @@ class _Memory:
 
         Args:
             ids: (n,) simulations.
-            commands: (n, c, 7) rad, the present target last; before the first, the first was held.
+            commands: (n, c, J) rad, the present target last; before the first, the first was held.
         """
         last = commands.shape[1] - 1
         for joint, values in self._values:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
+from skillcli.robots.robot import Robot
 from skillcli.simulation.chance import Rng
 from skillcli.trajectories import SAFETY_LIMITS, Array
 
-__all__ = ["SAFETY_LIMITS", "Array", "Environment", "Sighting", "Step"]
+__all__ = ["SAFETY_LIMITS", "Array", "Environment", "ObservationTerm", "RewardTerms", "Sighting", "Step", "total_reward"]
 
 
 class Step(NamedTuple):
@@ -20,6 +23,27 @@ class Step(NamedTuple):
     reward: NDArray[Any]  # (N,) the task's own reward
     terminated: NDArray[Any]  # (N,) bool: failed for good, an unstable simulation say
     truncated: NDArray[Any]  # (N,) bool: out of time
+
+
+class ObservationTerm(NamedTuple):
+    """One quantity of an observation."""
+
+    name: str
+    unit: str
+    size: int  # numbers
+
+
+class RewardTerms(NamedTuple):
+    """What a state earns and what it costs, by name, each (N,) and weighted; the reward is what is earned less the costs."""
+
+    earned: dict[str, NDArray[Any]]
+    costs: dict[str, NDArray[Any]]
+
+
+def total_reward(terms: RewardTerms) -> NDArray[Any]:
+    """The reward that the terms add up to, (N,)."""
+    earned = functools.reduce(np.add, terms.earned.values())
+    return np.subtract(earned, functools.reduce(np.add, terms.costs.values())) if terms.costs else earned
 
 
 class Sighting(NamedTuple):
@@ -32,6 +56,8 @@ class Sighting(NamedTuple):
 class Environment(Protocol):
     """N simulations of one task. The observation holds neither goal nor skill; the reward knows the goal."""
 
+    robot: Robot  # whose arm is simulated, where there is one
+    joints: int  # of that arm
     num: int
     horizon: int  # control steps in an episode
     control_period: float  # s

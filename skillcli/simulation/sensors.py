@@ -13,7 +13,6 @@ import numpy as np
 from skillcli.simulation.chance import Chance, Rng
 from skillcli.trajectories import Array
 
-JOINTS, POSITION = slice(0, 7), slice(7, 10)
 USED = (
     "observation_latency", "joint_noise", "position_noise", "joint_drift", "position_drift", "joint_offset", "position_offset",
 )  # fmt: skip
@@ -25,9 +24,9 @@ def needed(parameters: Mapping[str, Array]) -> bool:
 
 
 class Sensors:
-    """What N simulations measure: seven joint angles, rad, and one position, m, together (N, 10).
+    """What N simulations measure: J joint angles, rad, and one position, m, together (N, J+3).
 
-    True states may have more columns than these ten; they are as late, and otherwise as they were.
+    True states may have more columns than these; they are as late, and otherwise as they were.
 
     A late reading lies between the two control steps around its time, on a straight line. Drift is an autoregressive process
     of first order, the Ornstein-Uhlenbeck process at the times of the control steps: it keeps its standard deviation, and
@@ -38,29 +37,33 @@ class Sensors:
         num: simulations.
         period: between two control steps, s.
         rng: of all noise, one for all or one for each.
+        joints: how many, J.
         columns: of the true states.
     """
 
-    def __init__(self, parameters: Mapping[str, Array], num: int, period: float, rng: Rng, columns: int = 10) -> None:
+    def __init__(
+        self, parameters: Mapping[str, Array], num: int, period: float, rng: Rng, joints: int, columns: int = 0
+    ) -> None:
+        self._measured = joints + 3  # columns that are off, drift and are noisy
         self._chance, self._each = Chance(rng), np.arange(num)
-        self._white = _pair(parameters, num, "joint_noise", "position_noise")
-        self._spread = _pair(parameters, num, "joint_drift", "position_drift")
-        self._offset = np.zeros((num, 10))
-        self._offset[:, JOINTS] = parameters.get("joint_offset", 0.0)
-        self._offset[:, POSITION] = parameters.get("position_offset", 0.0)
+        self._white = _pair(parameters, num, joints, "joint_noise", "position_noise")
+        self._spread = _pair(parameters, num, joints, "joint_drift", "position_drift")
+        self._offset = np.zeros((num, self._measured))
+        self._offset[:, :joints] = parameters.get("joint_offset", 0.0)
+        self._offset[:, joints:] = parameters.get("position_offset", 0.0)
         time = parameters.get("drift_time", np.zeros(num))[:, None]
         self._keeps = np.exp(-period / np.maximum(time, 1e-9))  # of the drift from one step to the next
-        self._drift = np.zeros((num, 10))
+        self._drift = np.zeros((num, self._measured))
         age = parameters.get("observation_latency", np.zeros(num)) / period  # in control steps
         self._late = np.floor(age).astype(np.int64)
         self._between = (age - self._late)[:, None]
-        self._past = np.zeros((int(self._late.max(initial=0)) + 2, num, columns))  # the newest first
+        self._past = np.zeros((int(self._late.max(initial=0)) + 2, num, columns or self._measured))  # the newest first
 
     def begin(self, ids: Array, true: Array) -> None:
         """Begin new episodes of these simulations in true states (n, columns)."""
         self.settle(ids, true)
         if self._spread.any():
-            self._drift[ids] = self._spread[ids] * self._chance.normal("drift", (len(ids), 10), ids)
+            self._drift[ids] = self._spread[ids] * self._chance.normal("drift", (len(ids), self._measured), ids)
 
     def settle(self, ids: Array, true: Array) -> None:
         """Let these simulations have stood in true states (n, columns) for as long as any sensor is late."""
@@ -78,9 +81,9 @@ class Sensors:
         """What is measured now, (N, columns)."""
         newer, older = self._past[self._late, self._each], self._past[self._late + 1, self._each]
         measured: Array = newer + self._between * (older - newer)
-        measured[:, :10] += self._offset + self._drift
+        measured[:, : self._measured] += self._offset + self._drift
         if self._white.any():
-            measured[:, :10] += self._white * self._chance.normal("noise", self._white.shape, self._each)
+            measured[:, : self._measured] += self._white * self._chance.normal("noise", self._white.shape, self._each)
         return measured
 
     def angle_error(self, arm: Array) -> Array:
@@ -89,9 +92,9 @@ class Sensors:
         return error
 
 
-def _pair(parameters: Mapping[str, Array], num: int, joint: str, position: str) -> Array:
-    """Standard deviations for the ten measured values, (N, 10)."""
-    spread = np.zeros((num, 10))
-    for name, where in ((joint, JOINTS), (position, POSITION)):
+def _pair(parameters: Mapping[str, Array], num: int, joints: int, joint: str, position: str) -> Array:
+    """Standard deviations of what is measured, (N, J+3)."""
+    spread = np.zeros((num, joints + 3))
+    for name, where in ((joint, slice(0, joints)), (position, slice(joints, None))):
         spread[:, where] = parameters.get(name, np.zeros(num))[:, None]
     return spread

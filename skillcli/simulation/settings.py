@@ -7,19 +7,25 @@ from typing import Any
 
 from pydantic import model_validator
 
-from skillcli.config.base import Joints, Section, value
+from skillcli.config.base import Joints, Section, optional_value, value
 
 MAX_SKILLS = 1000  # every pair of them is looked at
 
 
-class SkillSet(Section):
-    """What every task has: goals, one skill each, and their names."""
+class TaskSettings(Section):
+    """What every task has: goals, one skill each, their names, a clock, and what counts as success."""
 
+    module: str = optional_value("", "a Python file that holds the task, beside the recipe; empty for one that comes along")
+    source_sha256: str = optional_value("", "of that file, filled in")
+    name: str = value(..., "which task", "")
     goals: tuple[Any, ...]
     names: tuple[str, ...]
+    tolerance: float = value(0.05, "success radius", "m", gt=0)
+    horizon: int = value(64, "control steps in an episode", "steps", ge=2, le=10_000)
+    control_period: float = value(0.05, "time between two commands", "s", ge=1e-3, le=1)
 
     @model_validator(mode="after")
-    def _one_name_each(self) -> SkillSet:
+    def _one_name_each(self) -> TaskSettings:
         if len(set(self.goals)) != len(self.goals):
             raise ValueError("two skills have the same goal")
         if self.names and (len(self.names) != len(self.goals) or len(set(self.names)) != len(self.names)):
@@ -28,18 +34,17 @@ class SkillSet(Section):
             raise ValueError("names start with a letter or digit and hold letters, digits and _ . + = -")
         return self
 
+    @property
+    def action_scale(self) -> float:
+        """What an action of one stands for, in the unit of the action: rad for an arm."""
+        raise NotImplementedError
 
-class ArmTask(SkillSet):
-    """What every task of the Sawyer has: how an episode starts and how the arm is driven."""
 
-    tolerance: float = value(0.05, "success radius", "m", gt=0)
-    horizon: int = value(64, "control steps in an episode", "steps", ge=2, le=10_000)
-    start: Joints = value(
-        (-0.2791, -1.2418, 0.0126, 1.6544, -0.0044, 1.1583, 3.1016),
-        "joint vector at reset: gripper at (.6, 0, .25), pointing down", "rad",
-    )  # fmt: skip
+class ArmTask(TaskSettings):
+    """What every task of an arm has: how an episode starts and how the arm is driven."""
+
+    start: Joints = value((), "joint vector at reset; by default where the robot's file has it for this task", "rad")
     action_limit: float = value(0.04, "largest joint increment per control step", "rad", gt=0, le=0.2)
-    control_period: float = value(0.05, "time between two commands", "s", ge=1e-3, le=1)
     timestep: float = value(0.005, "time step of the physics", "s", ge=1e-4, le=0.02)
     observe_command: bool = value(
         False, "the policy also sees how far its commanded joint target leads the measured joints: what is still under way"
@@ -51,3 +56,8 @@ class ArmTask(SkillSet):
         if abs(substeps - round(substeps)) > 1e-6 or round(substeps) < 1:
             raise ValueError(f"control_period {self.control_period} must be a whole number of timesteps {self.timestep}")
         return self
+
+    @property
+    def action_scale(self) -> float:
+        """Largest joint increment per control step, rad."""
+        return self.action_limit

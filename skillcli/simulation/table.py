@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skillcli.robots.sawyer import TABLE_CENTRE, TABLE_TOP
+from skillcli.robots.scene import TABLE_CENTRE, TABLE_TOP
 from skillcli.trajectories import Array
 
 

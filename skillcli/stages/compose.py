@@ -21,7 +21,7 @@ from skillcli.progress import Progress, Report, silent
 from skillcli.recipe import Recipe
 from skillcli.stages.pretrain import play_held
 from skillcli.store import Artifact, ArtifactId, Draft, Parent, Store
-from skillcli.tasks.registry import model_fingerprint
+from skillcli.tasks.world import World
 from skillcli.trajectories import Array, Trajectories
 
 __all__ = ["METHODS", "Request", "compose", "execute", "inputs_of"]
@@ -40,7 +40,7 @@ def robots_for(recipe: Recipe, method: str, on: str, seed: int) -> Robots:
     if on and method not in ON_TARGET:
         raise UsageError(f"--method {method} tries nothing, on no domain", f"--on goes with {', '.join(ON_TARGET)}")
     settings = recipe.compose if method in ON_SEVERAL else recipe.compose.model_copy(update={"ensemble": 0})
-    return Robots.of(settings, on, seed)
+    return Robots.of(settings, on, seed, World.of(recipe).joints)
 
 
 def inputs_of(source: Artifact | Parent, recipe: Recipe, request: Request, method: str, seed: int = 0, on: str = "") -> str:
@@ -156,7 +156,7 @@ def compose(
             },
             measured={"planning_seconds": planning_seconds},
             parents=[source_id],
-            model_sha256=model_fingerprint(recipe.task),
+            model_sha256=library.world.fingerprint,
             inputs_sha256=inputs_of(source, recipe, request, method, seed, on),
         )
     )
@@ -175,7 +175,7 @@ def _within(report: Report, done: int, total: int) -> Report:
 
 def execute(library: Library, plan: list[Segment], waypoints: Array, robots: Robots) -> Trajectories:
     """Run a plan from the start on one robot."""
-    env = robots.simulations(library.recipe.task, 1)
+    env = robots.simulations(library.world, 1)
     latent, skill = schedule(plan)
     return play_waypoints(env, library.agent.act, latent[None], skill[None], [waypoints])
 

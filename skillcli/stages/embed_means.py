@@ -10,7 +10,6 @@ from skillcli import metrics
 from skillcli.evaluation.library import fingerprint, open_library
 from skillcli.stages.pretrain import play_held
 from skillcli.store import Artifact, ArtifactId, Draft, Parent, Store
-from skillcli.tasks.registry import model_fingerprint
 from skillcli.trajectories import Array, Trajectories
 
 
@@ -71,7 +70,7 @@ def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | N
             },
             measured={},
             parents=[source_id],
-            model_sha256=model_fingerprint(recipe.task),
+            model_sha256=library.world.fingerprint,
             inputs_sha256=inputs_of(source),
         )
     )

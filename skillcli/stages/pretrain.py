@@ -26,7 +26,7 @@ from skillcli.seeding import generator
 from skillcli.simulation.throughput import BareEngine
 from skillcli.stopping import StopRequest, stoppable
 from skillcli.store import Artifact, Draft, Store, load_checkpoint, remove_checkpoint, save_checkpoint
-from skillcli.tasks.registry import MAX_SIMULATIONS, check_goal, check_start, make, model_fingerprint, skill_goals, stand
+from skillcli.tasks.world import MAX_SIMULATIONS, World
 from skillcli.trajectories import Array, Trajectories
 
 CHECKPOINT_SECONDS = 30.0
@@ -46,7 +46,7 @@ class Evaluation:
 
 def inputs_of(recipe: Recipe, seed: int) -> str:
     """Fingerprint of everything that a training depends on."""
-    return fingerprint("pretrain", [recipe.fingerprint(TRAINED), seed, model_fingerprint(recipe.task)])
+    return fingerprint("pretrain", [recipe.fingerprint(TRAINED), seed, World.of(recipe).fingerprint])
 
 
 def pretrain(
@@ -78,15 +78,16 @@ def pretrain(
     """
     offset = recipe.randomisation.ranges.get("object_offset")
     drawn = (0.0, *offset.values) if offset else (0.0,)  # at first nothing is drawn
-    check_start(recipe.task, min(drawn), max(drawn))
-    for goal in skill_goals(recipe.task):
-        check_goal(recipe.task, goal)
+    world = World.of(recipe)
+    world.check_start(min(drawn), max(drawn))
+    for goal in world.goals:
+        world.check_goal(goal)
     store.check_writable(name)
     inputs = inputs_of(recipe, seed)
     checkpoint = store.checkpoint_path(name, "pretrain", inputs)
     with stoppable() as stop:
         delay = "latency" in recipe.randomisation.ranges
-        env = make(recipe.task, recipe.training.simulations, threads, delay)
+        env = world.make(recipe.training.simulations, threads, delay)
         learner, bare = Learner(env, recipe, seed), BareEngine(env)
         spent = _resumed(learner, checkpoint, inputs) if resume and checkpoint.exists() else 0.0
         started = time.perf_counter()
@@ -180,7 +181,7 @@ def evaluate(recipe: Recipe, agent: Agent, seed: int, threads: int = 0) -> Evalu
     latent = mean[:, None] + std[:, None] * noise
     skill = np.repeat(np.arange(skills), samples)
     fed = np.where(np.arange(skills * samples) % samples == 0, skill, -1)  # -1: not the mean of any skill
-    goals = skill_goals(recipe.task)
+    goals = World.of(recipe).goals
     recording, observation = play_held(recipe, agent, latent.reshape(-1, mean.shape[1]), goals[skill], fed, threads)
     window = np.arange(observation.shape[1] - agent.window, observation.shape[1]).clip(min=0)  # padded as in training
     kept = [k * samples + m for k in range(skills) for m in range(min(samples, 1 + recipe.evaluation.stored))]
@@ -202,10 +203,11 @@ def evaluate_randomised(recipe: Recipe, agent: Agent, seed: int, threads: int = 
     mean, _ = agent.embed()
     skill = np.tile(np.arange(len(mean)), 1 + recipe.evaluation.latents)
     rng = generator(seed, "evaluation on other robots")
-    drawn, recordings = sample(ranges, len(skill), rng), []
+    world = World.of(recipe)
+    drawn, recordings = sample(ranges, len(skill), rng, world.joints), []
     for first in range(0, len(skill), MAX_SIMULATIONS):
         part = slice(first, first + MAX_SIMULATIONS)
-        env = stand(recipe.task, skill[part], {name: values[part] for name, values in drawn.items()}, rng, threads)
+        env = world.stand(skill[part], {name: values[part] for name, values in drawn.items()}, rng, threads)
         latent, fed = (np.repeat(each[part][:, None], env.horizon, axis=1) for each in (mean[skill], skill))
         recordings.append(play(env, agent.act, latent, fed)[0])
     recording = Trajectories.join(recordings)
@@ -226,10 +228,11 @@ def play_held(
     Returns:
         The recording, with `fed` (E,) as its skills, and the observations (E, T+1, o).
     """
+    world = World.of(recipe)
     recordings, observations = [], []
     for first in range(0, len(fed), MAX_SIMULATIONS):
         part = slice(first, first + MAX_SIMULATIONS)
-        env = make(recipe.task, len(fed[part]), threads)
+        env = world.make(len(fed[part]), threads)
         env.reset(np.arange(env.num), np.zeros(env.num, dtype=np.int64))
         env.target[:] = target[part]
         held = np.repeat(latent[part][:, None], env.horizon, axis=1)
@@ -278,7 +281,7 @@ def _draft(
             "peak_memory_mb": peak_memory_mb(),
             "throughput": _throughput(learner, bare_rate, wall),
         },
-        model_sha256=model_fingerprint(recipe.task),
+        model_sha256=World.of(recipe).fingerprint,
         inputs_sha256=inputs_of(recipe, seed),
     )
 

@@ -16,7 +16,7 @@ from skillcli.evaluation.trial import Target
 from skillcli.simulation.domains import find_domains
 from skillcli.stages import compose, embed_means, pretrain, transfer_eval
 from skillcli.store import Artifact, Store, content_hash
-from skillcli.tasks.registry import model_fingerprint
+from skillcli.tasks.world import World
 from skillcli.trajectories import Array
 
 Inputs = Callable[[Artifact], str]
@@ -45,7 +45,7 @@ def finished(store: Store, kind: str, inputs: str, name: str, inputs_of: Inputs)
 def _really(artifact: Artifact, inputs_of: Inputs) -> str:
     try:
         check_meaning(artifact)
-        if artifact.model_sha256 != model_fingerprint(stored_recipe(artifact).task):
+        if artifact.model_sha256 != World.of(stored_recipe(artifact)).fingerprint:
             return ""
         return inputs_of(artifact)
     except SkillError:
@@ -79,8 +79,9 @@ def of_transfer_eval(artifact: Artifact, domains: Sequence[str], episodes: int) 
     named = [domain["name"] for domain in results["domains"]] == [domain.name for domain in found]
     if not artifact.parents or not named or results.get("robot"):
         return ""
+    joints = World.of(stored_recipe(artifact)).joints
     for domain in found:
-        drawn = Target.drawn(domain, episodes, artifact.seed).parameters
+        drawn = Target.drawn(domain, episodes, artifact.seed, joints).parameters
         if not _begins(artifact.group(f"domains/{domain.name}"), drawn):
             return ""
     sensitivity = any("sensitivity" in domain for domain in results["domains"])

@@ -22,7 +22,6 @@ from skillcli.recipe import Recipe
 from skillcli.robots.robot import Robot
 from skillcli.simulation.domains import find_domains
 from skillcli.store import Artifact, ArtifactId, Draft, Parent, Store
-from skillcli.tasks.registry import model_fingerprint
 from skillcli.trajectories import Trajectories
 
 DRAWN = "each episode by itself, what repeats once"  # how robots are drawn: what was drawn otherwise is not used again
@@ -83,16 +82,18 @@ def transfer_eval(
             robot does not fit the task, or the source holds no plan that could be made again.
         StoreError: the source cannot be read, or the store refuses.
     """
-    drawn = [Target.drawn(domain, episodes, seed) for domain in find_domains(domains)]
+    found = find_domains(domains)
     store.check_writable(name or source_id.name)
     source = store.read(source_id)
     library = open_library(store, source)
+    drawn = [Target.drawn(domain, episodes, seed, library.world.joints) for domain in found]
     check_untouched(library, recipe, f"transfer.*, compose.* and, with --replan, {', '.join(f'{one}.*' for one in REPLANS)}")
     replanner = _replanner(library, recipe, source, seed) if recipe.transfer.replan else None
-    trial, once = Trial(library, seed, robot, replanner), Script.of(source, library)
+    world = library.world if robot is None else library.world.on(robot)
+    trial, once = Trial(library, seed, world, replanner), Script.of(source, library)
     trial.check()
     # nothing goes on by chance in the source: one episode of each route or skill says it all
-    reference = Trial(library, seed).run(once, NOMINAL)
+    reference = Trial(library, seed, library.world).run(once, NOMINAL)
     rate, rounds = float(reference.success.mean()), _Rounds(trial, once, report)
     targets = [target.first(rounds.count(target)) for target in drawn]
     alone = {target.name: one_at_a_time(target) if sensitivity else {} for target in targets}
@@ -131,7 +132,7 @@ def transfer_eval(
             },
             measured={} if replanner is None else {"seconds_per_plan": replanner.effort.mean},
             parents=[source_id],
-            model_sha256=model_fingerprint(recipe.task),
+            model_sha256=library.world.fingerprint,
             inputs_sha256=inputs_of(source, recipe, domains, episodes, seed, robot, sensitivity),
         )
     )

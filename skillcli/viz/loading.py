@@ -6,7 +6,6 @@ import numpy as np
 
 from skillcli.evaluation.library import Library, kin, open_library
 from skillcli.store import Artifact, ArtifactId, Store
-from skillcli.tasks.registry import model_of
 from skillcli.trajectories import Array, Trajectories
 from skillcli.viz.scene import Scene
 
@@ -30,7 +29,7 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
         task=task.name,
         provenance=artifact.provenance(),
         trajectories=recording,
-        model=model_of(task),
+        model=library.world.model(),
         skills=library.names,
         goals=library.goals,
         waypoints=waypoints,

@@ -7,15 +7,18 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from command import TINY_SET, Result, files, made, skill
+from worlds import SAWYER
 
 from skillcli.recipe import recipe_names
 from skillcli.simulation.domains import PRESETS
 from skillcli.store import STAGES
-from skillcli.tasks.registry import DESCRIPTIONS
+from skillcli.tasks.registry import ROOMS as DESCRIPTIONS
 
 
 @pytest.fixture
@@ -237,7 +240,7 @@ def test_the_point_has_no_robot_to_replace(tmp_path: Path, replan: tuple[str, ..
 
 
 def test_a_plan_that_breaks_a_limit_is_told_with_what_to_do(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("skillcli.robots.sawyer.VELOCITY_LIMIT", 0.01)
+    monkeypatch.setattr("skillcli.tasks.world.load_robot", lambda _: replace(SAWYER, speed_limit=np.full(7, 0.01)))
     told = skill("--store", copy, "compose", "tiny/embed-means", "--method", "sequence", "--plan", "1:0.2")
     assert told.code == 0 and "no success" in told.out and "breaks joint_speed in route 1 for" in told.out
     said = " ".join(told.err.split())

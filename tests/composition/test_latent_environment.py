@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from worlds import make
 
 from skillcli.composition.latent_environment import LatentEnvironment
 from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.reach.settings import ReachTask
-from skillcli.tasks.registry import make
 from skillcli.trajectories import SAFETY_LIMITS, Array
 
 

@@ -82,7 +82,7 @@ def test_nor_is_any_of_a_robot(key: str, tmp_path: Path) -> None:
         ('transfer.replan="yes"', "'transfer.replan': expected true or false, got 'yes'"),
         ("network.policy_hidden=[64, true]", "'network.policy_hidden': expected a whole number, got true"),
         ('task.goals=[[0.5, "0.2", 0.1]]', "'task.goals': expected a number, got '0.2'"),
-        ("task.start=[0, 0, 0]", "'task.start': expected seven numbers, got 3"),
+        ("task.start=[0, 0, 0]", "'task.start': expected 7 numbers, one for each joint, got 3"),
         ("task.goals=[[0.5, 0.2, 0.1], [0.5, 0.2, 0.1, 1]]", "'task.goals', entry 2: expected three numbers, got 4"),
         ("task.goals=[[0.5, nan, 0.2]]", "'task.goals', entry 2 of entry 1: expected a finite number, got nan"),
         ("embedding.arrangement=circle", "'embedding.arrangement': expected 'goals' or 'random', got 'circle'"),

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
 from ranges import log_uniform, one_of, uniform
+from worlds import JOINTS
 
-from skillcli.config.randomization import MAX_LATENCY, NEUTRAL, PARAMETERS, Range, Ranges, fill, sample
+from skillcli.config.randomization import MAX_LATENCY, NEUTRAL, PARAMETERS, PER_JOINT, Range, Ranges, fill, sample
 
 READER: TypeAdapter[dict[str, Range]] = TypeAdapter(Ranges)
 
@@ -100,7 +101,7 @@ def test_uniform_draws_fill_the_range_evenly() -> None:
 
 
 def test_a_log_uniform_factor_is_as_often_below_as_above_its_middle() -> None:
-    values = sample({"joint_damping": log_uniform(0.25, 4.0)}, 2000, rng())["joint_damping"]
+    values = sample({"joint_damping": log_uniform(0.25, 4.0)}, 2000, rng(), JOINTS)["joint_damping"]
     assert 0.25 <= values.min() < 0.27 and 3.7 < values.max() <= 4
     assert float((values < 1).mean()) == pytest.approx(0.5, abs=0.02)
     assert float((values < 0.5).mean()) == pytest.approx(0.25, abs=0.02)
@@ -112,15 +113,19 @@ def test_one_of_draws_each_value_equally_often_and_no_other() -> None:
 
 
 def test_a_sample_has_one_row_for_each_episode_and_a_column_for_each_joint_or_axis() -> None:
-    drawn = sample({"gain": uniform(0.5, 1.5), "object_offset": uniform(-1, 1), "latency": one_of(0.05)}, 5, rng())
+    drawn = sample({"gain": uniform(0.5, 1.5), "object_offset": uniform(-1, 1), "latency": one_of(0.05)}, 5, rng(), JOINTS)
     assert {name: values.shape for name, values in drawn.items()} == {"gain": (5, 7), "object_offset": (5, 2), "latency": (5,)}
     assert len(np.unique(drawn["gain"])) == 35, "every joint of every episode for itself"
-    assert sample({}, 5, rng()) == {}
+    assert sample({}, 5, rng(), JOINTS) == {}
 
 
 def test_a_sample_depends_on_the_generator_and_not_on_the_order_of_the_ranges() -> None:
     ranges = {"gain": uniform(0.5, 1.5), "contact_friction": uniform(0.5, 1.5)}
-    drawn, again, other = sample(ranges, 9, rng()), sample(dict(reversed(ranges.items())), 9, rng()), sample(ranges, 9, rng(1))
+    drawn, again, other = (
+        sample(ranges, 9, rng(), JOINTS),
+        sample(dict(reversed(ranges.items())), 9, rng(), JOINTS),
+        sample(ranges, 9, rng(1), JOINTS),
+    )
     for name, values in drawn.items():
         np.testing.assert_array_equal(values, again[name])
         assert (values != other[name]).any()
@@ -129,7 +134,7 @@ def test_a_sample_depends_on_the_generator_and_not_on_the_order_of_the_ranges() 
 def test_every_parameter_has_a_size_a_unit_a_meaning_and_a_neutral_value() -> None:
     assert NEUTRAL.keys() == PARAMETERS.keys()
     for name, parameter in PARAMETERS.items():
-        assert parameter.size in (1, 2, 3, 7) and parameter.meaning
+        assert parameter.size in (PER_JOINT, 1, 2, 3) and parameter.meaning
         assert parameter.unit in ("factor", "m", "rad", "s", "1/s", "N s")
         assert NEUTRAL[name] == (1 if parameter.unit == "factor" else 0)
         assert parameter.low <= NEUTRAL[name] <= parameter.high
@@ -137,8 +142,8 @@ def test_every_parameter_has_a_size_a_unit_a_meaning_and_a_neutral_value() -> No
 
 def test_fixed_values_are_those_of_each_joint_in_every_episode() -> None:
     values = Range(kind="fixed", values=(1, 2, 3, 4, 5, 6, 7))
-    assert sample({"gain": values}, 2, rng())["gain"].tolist() == [[1, 2, 3, 4, 5, 6, 7]] * 2
-    assert sample({"latency": Range(kind="fixed", values=(0.1,))}, 3, rng())["latency"].tolist() == [0.1] * 3
+    assert sample({"gain": values}, 2, rng(), JOINTS)["gain"].tolist() == [[1, 2, 3, 4, 5, 6, 7]] * 2
+    assert sample({"latency": Range(kind="fixed", values=(0.1,))}, 3, rng(), JOINTS)["latency"].tolist() == [0.1] * 3
 
 
 def test_only_one_value_is_drawn_where_low_is_high() -> None:
@@ -155,7 +160,7 @@ def test_a_bad_range_says_so_when_it_is_made_in_code_too() -> None:
 
 @pytest.mark.parametrize("values", [uniform(-1, 3), log_uniform(0.5, 2), one_of(4.0, 5.0, 6.0)])
 def test_filling_takes_one_value_out_of_each_equal_share(values: Range) -> None:
-    drawn = fill({"gain": values}, 6, rng())["gain"]
+    drawn = fill({"gain": values}, 6, rng(), JOINTS)["gain"]
     assert drawn.shape == (6, 7)
     edges = values.quantile(np.arange(6) / 6)
     for joint in range(7):
@@ -168,8 +173,8 @@ def test_filling_takes_one_value_out_of_each_equal_share(values: Range) -> None:
 
 def test_fixed_values_fill_nothing() -> None:
     tilt = Range(kind="fixed", values=(0.0, -0.1))
-    assert fill({"table_tilt": tilt}, 3, rng())["table_tilt"].tolist() == [[0.0, -0.1]] * 3
-    assert fill({"latency": Range(kind="fixed", values=(0.05,))}, 3, rng())["latency"].tolist() == [0.05] * 3
+    assert fill({"table_tilt": tilt}, 3, rng(), JOINTS)["table_tilt"].tolist() == [[0.0, -0.1]] * 3
+    assert fill({"latency": Range(kind="fixed", values=(0.05,))}, 3, rng(), JOINTS)["latency"].tolist() == [0.05] * 3
 
 
 def test_quantiles_run_from_the_lowest_to_the_highest_value() -> None:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from command import skill
 from forge import forge
+from worlds import make, sizes
 
 from skillcli.errors import StoreError
 from skillcli.evaluation.consistency import COMPOSERS, check_meaning
@@ -23,7 +24,6 @@ from skillcli.learning.agent import Agent
 from skillcli.learning.shapes import weight_shapes
 from skillcli.recipe import load_recipe, recipe_names, resolve
 from skillcli.store import STAGES, Artifact, ArtifactId, Store
-from skillcli.tasks.registry import make, sizes
 from skillcli.viz.loading import scene_of
 
 Change = Callable[[dict[str, Any], dict[str, Any]], None]  # of arrays and recipe
@@ -202,7 +202,7 @@ LARGE = """
 import json, resource, sys
 from pathlib import Path
 from skillcli.errors import StoreError
-from skillcli.stages.meaning import check_meaning
+from skillcli.evaluation.consistency import check_meaning
 from skillcli.store import ArtifactId, Store
 store = Store(Path(sys.argv[1]))
 artifact = store.read(ArtifactId("tiny", "pretrain", 1))

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from worlds import make, target_robot, world
 
 from skillcli.cli.tables import _gave_up
 from skillcli.composition.latent_environment import LatentEnvironment
@@ -16,11 +17,9 @@ from skillcli.evaluation.replanning import Replanner
 from skillcli.evaluation.sampled_robots import Robots
 from skillcli.progress import silent
 from skillcli.recipe import Recipe, resolve
-from skillcli.robots.robot import load_robot
 from skillcli.simulation.arm_environment import ArmEnvironment
 from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.reach.settings import ReachTask
-from skillcli.tasks.registry import make
 from skillcli.trajectories import SAFETY_LIMITS, Array, Trajectories
 
 SAGGING = Path(__file__).parent.parent / "robots" / "meshes.toml"  # does not carry its own weight
@@ -35,10 +34,11 @@ class Joints:
     mean = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 0.5, 0], [0, -0.5, 0], [0, 0, 0.5]])
     std = np.full((5, 3), 0.1)
     names = ("left", "right", "down", "up", "still")
+    world = world(ReachTask())
 
 
 def target(robot: Path | None = None, **parameters: float) -> ArmEnvironment:
-    env = make(ReachTask(), 1, 1, delay=True, robot=load_robot(robot) if robot else None)
+    env = make(ReachTask(), 1, 1, delay=True, robot=target_robot(robot) if robot else None)
     assert isinstance(env, ArmEnvironment)
     if parameters:
         env.perturb({name: np.array([value]) for name, value in parameters.items()}, np.random.default_rng(3))
@@ -58,7 +58,9 @@ def segment(env: ArmEnvironment, seed: int, steps: int = 10) -> tuple[Array, lis
 
 def leg(task: str = "reach", **sections: dict[str, object]) -> Leg:
     recipe: Recipe = resolve({"name": "r", "task": {"name": task}, "search": {"segments": [0.1], "weight": 4.0}, **sections})
-    return Leg(Joints(), recipe, np.zeros((0, 3)), (), 0, silent, Robots())  # type: ignore[arg-type]
+    library = Joints()
+    library.world = world(recipe.task)
+    return Leg(library, recipe, np.zeros((0, 3)), (), 0, silent, Robots())  # type: ignore[arg-type]
 
 
 # --- how a target obeys -----------------------------------------------------------------------------------------------
@@ -73,7 +75,7 @@ def hanging() -> tuple[ArmEnvironment, Array]:
 
 
 def test_an_arm_that_hangs_is_told_from_how_it_rests() -> None:
-    hangs, known, env = hanging()[1], Identification(ReachTask()), target(SAGGING)
+    hangs, known, env = hanging()[1], Identification(world(ReachTask())), target(SAGGING)
     assert np.abs(hangs).max() > 0.02, "more than a degree"
     for seed in range(3):
         known.learn(*segment(env, seed))
@@ -84,7 +86,7 @@ def test_an_arm_that_hangs_is_told_from_how_it_rests() -> None:
 
 
 def test_after_a_fifth_of_a_second_most_of_it_is_known() -> None:
-    known, hangs = Identification(ReachTask()), hanging()[1]
+    known, hangs = Identification(world(ReachTask())), hanging()[1]
     known.learn(*segment(target(SAGGING), 0, steps=4))
     assert known.sag[1] / hangs[1] > 0.5, "dry friction holds it up for a moment"
 
@@ -107,14 +109,14 @@ def test_an_arm_that_is_imagined_to_hang_stays_where_it_hangs() -> None:
 
 @pytest.mark.parametrize("latency", [0.0, 0.05, 0.1])
 def test_how_late_a_hanging_arm_obeys_is_told_beside(latency: float) -> None:
-    env, known = target(SAGGING, latency=latency, joint_noise=0.005), Identification(ReachTask())
+    env, known = target(SAGGING, latency=latency, joint_noise=0.005), Identification(world(ReachTask()))
     for seed in range(3):
         known.learn(*segment(env, seed))
     assert known.lateness == latency
 
 
 def test_a_joint_that_is_stuck_does_not_decide_how_late_the_others_are() -> None:
-    env, known = target(), Identification(ReachTask())
+    env, known = target(), Identification(world(ReachTask()))
     for seed in range(3):
         begun, applied, measured = segment(env, seed)
         known.learn(begun, applied, [np.array([*joints[:6], begun[0, 6]]) for joints in measured])

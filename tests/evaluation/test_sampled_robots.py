@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from command import made, skill
+from worlds import JOINTS, SAWYER, make, world
 
 from skillcli.config.randomization import PARAMETERS
 from skillcli.evaluation.planning import Leg
@@ -19,14 +20,13 @@ from skillcli.recipe import Compose, resolve
 from skillcli.simulation.domains import find_domain
 from skillcli.store import Artifact, ArtifactId, Store
 from skillcli.tasks.reach.settings import ReachTask
-from skillcli.tasks.registry import make
 
 GOAL = ("--goal", "0.6,0.1,0.2")
 QUICK = ("--set", "search.budget=3", "--set", "mpc.samples=4", "--set", "mpc.elites=2", "--set", "mpc.seconds=0.5")
 
 
 def test_the_first_robot_of_an_ensemble_is_the_nominal_one_and_the_others_fill_the_domain() -> None:
-    robots = Robots.ensemble("real-like", 9, seed=0)
+    robots = Robots.ensemble("real-like", 9, 0, JOINTS)
     ranges = find_domain("real-like").parameters
     assert robots.count == 9 and set(robots.parameters) == set(ranges)
     for name, values in robots.parameters.items():
@@ -35,15 +35,15 @@ def test_the_first_robot_of_an_ensemble_is_the_nominal_one_and_the_others_fill_t
 
 
 def test_what_a_composition_asks_for() -> None:
-    assert Robots.of(Compose(), "", 0) == Robots()
-    assert Robots.of(Compose(ensemble=3), "", 0).count == 3
-    on = Robots.of(Compose(ensemble=3), "real-like", 0)
+    assert Robots.of(Compose(), "", 0, JOINTS) == Robots()
+    assert Robots.of(Compose(ensemble=3), "", 0, JOINTS).count == 3
+    on = Robots.of(Compose(ensemble=3), "real-like", 0, JOINTS)
     assert on.count == 1 and on.parameters["gain"].shape == (1, 7), "who plans on the target plans for no other robot"
 
 
 def test_simulation_i_is_robot_i_modulo_their_number() -> None:
-    robots = Robots.ensemble("real-like", 3, seed=1)
-    env = robots.simulations(ReachTask(), 2)
+    robots = Robots.ensemble("real-like", 3, 1, JOINTS)
+    env = robots.simulations(world(ReachTask()), 2)
     start = env.save(np.arange(6))
     env.step(np.full((6, 7), 0.5))
     moved = env.judged()
@@ -72,12 +72,12 @@ def test_a_plan_for_several_robots_keeps_them_and_counts_the_time_of_all(chain: 
 def test_a_plan_on_the_target_is_executed_there(chain: Path, tmp_path: Path) -> None:
     _, found, artifact = compose_on(chain, tmp_path, "--on", "real-like", "--seed", "2")
     assert found["on"] == "real-like" and found["robots"] == 1 and artifact.seed == 2
-    drawn = Robots.drawn("real-like", 2)
+    drawn = Robots.drawn("real-like", 2, JOINTS)
     for name, values in drawn.parameters.items():
         np.testing.assert_array_equal(artifact.arrays[f"robots/{name}"], values)
     start = artifact.arrays["trajectories/joint_position"][0, 0]
     offset = drawn.parameters["start_offset"][0]
-    np.testing.assert_allclose(start, np.array(ReachTask().start) + offset, atol=1e-6)
+    np.testing.assert_allclose(start, np.array(SAWYER.start("reach")) + offset, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -140,6 +140,7 @@ class Perfect:
     mean = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 0.5]])
     std = np.full((5, 3), 0.1)
     names = ("left", "right", "down", "up", "still")
+    world = world(ReachTask())
 
 
 @pytest.mark.parametrize("push", [0.0, 0.3])

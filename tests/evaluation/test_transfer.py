@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from command import made, skill
 from rich.console import Console
+from worlds import target_robot
 
 from skillcli import metrics
 from skillcli.cli import tables
@@ -24,7 +25,6 @@ from skillcli.evaluation.transfer_report import broken, most_harmful_first, one_
 from skillcli.evaluation.trial import NOMINAL, Target, Trial
 from skillcli.progress import Progress
 from skillcli.recipe import resolve
-from skillcli.robots.robot import load_robot
 from skillcli.simulation.domains import find_domain, find_domains
 from skillcli.stages.transfer_eval import inputs_of, transfer_eval
 from skillcli.stages.visualise import draw
@@ -154,8 +154,8 @@ def test_the_worst_episodes_come_farthest_first_with_what_was_drawn() -> None:
 
 def test_commands_sent_blindly_end_in_the_source_where_they_did_and_elsewhere_on_weak_servos(library: Library) -> None:
     artifact = library.source
-    source = Trial(library, 0).run(Script.of(artifact, library), NOMINAL)
-    trial = Trial(library, 0)
+    source = Trial(library, 0, library.world).run(Script.of(artifact, library), NOMINAL)
+    trial = Trial(library, 0, library.world)
     assert trial.replay(source, NOMINAL, 11) == pytest.approx(np.zeros(11), abs=1e-5)
     weak = trial.replay(source, Target("weak", {"gain": np.full((11, 7), 0.3)}), 11)
     assert (weak > 1e-3).any() and weak[8:] == pytest.approx(weak[:3], abs=1e-5), "skills in turn"
@@ -199,7 +199,7 @@ def test_sensitivity_runs_every_parameter_alone_on_the_same_episodes(copy: Store
 
 @pytest.mark.parametrize("settings", [[], REPLAN])
 def test_episodes_run_on_another_robot_and_the_source_stays(copy: Store, settings: list[str]) -> None:
-    robot = load_robot(ROBOT)
+    robot = target_robot(ROBOT)
     own, other = moved(copy, ["mild"], *settings), moved(copy, ["mild"], *settings, robot=robot)
     assert other.results["robot"]["file"] == "servo.toml" and other.results["robot"]["fingerprint"] == robot.fingerprint
     assert other.results["source"] == own.results["source"], "planned and judged on our own model"
@@ -220,7 +220,7 @@ def test_notes_about_a_robot_are_told_and_kept(copy: Store) -> None:
 
 def test_robot_and_sensitivity_are_inputs_and_without_them_nothing_changes(chain: Path) -> None:
     source = Store(chain).read(SOURCE)
-    recipe, robot = resolve(source.recipe), load_robot(ROBOT)
+    recipe, robot = resolve(source.recipe), target_robot(ROBOT)
     usual = inputs_of(source, recipe, ["mild"], 3, 0)
     assert usual == inputs_of(source, recipe, ["mild"], 3, 0, None, False)
     other, much = inputs_of(source, recipe, ["mild"], 3, 0, robot), inputs_of(source, recipe, ["mild"], 3, 0, None, True)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from worlds import SAWYER, make
 
 from skillcli.learning import te_ppo
 from skillcli.learning.agent import windows
@@ -20,7 +21,7 @@ from skillcli.recipe import Recipe, load_recipe, resolve
 from skillcli.simulation.environment import Step
 from skillcli.tasks.point.environment import PointEnvironment
 from skillcli.tasks.point.settings import PointTask
-from skillcli.tasks.registry import make
+from skillcli.tasks.world import skill_goals
 from skillcli.trajectories import Array
 
 Tamper = Callable[[dict[str, Array], dict[str, Any]], Any]
@@ -249,7 +250,7 @@ class Breaking(PointEnvironment):
 def test_what_comes_behind_a_failure_is_not_learned_from() -> None:
     trained = learner()
     assert isinstance(RECIPE.task, PointTask)
-    env, pool = Breaking(RECIPE.task, 8), StartPool(100)
+    env, pool = Breaking(RECIPE.task, SAWYER, skill_goals(RECIPE.task), 8), StartPool(100)
     rollout = collect(env, trained.agent, pool, 0.0, trained.rng)
     assert rollout.valid[:, 1].tolist() == [True] * 3 + [False] * 7
     assert np.isinf(rollout.final_distance[1]) and np.isfinite(np.delete(rollout.final_distance, 1)).all()
@@ -287,7 +288,7 @@ class Perturbed(PointEnvironment):
 
     def __init__(self, task: PointTask, num: int) -> None:
         self.given: list[dict[str, Array]] = []
-        super().__init__(task, num)
+        super().__init__(task, SAWYER, skill_goals(task), num)
 
     def perturb(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
         self.given.append({name: values.copy() for name, values in parameters.items()})

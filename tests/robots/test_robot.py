@@ -8,18 +8,18 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from worlds import JOINTS, SAWYER, make, target_robot
 
 from skillcli.config.randomization import sample
 from skillcli.errors import UsageError
-from skillcli.robots import sawyer
 from skillcli.robots.effort import MAX_BYTES
-from skillcli.robots.robot import Robot, load_robot, posture
+from skillcli.robots.posture import gripper_and_axes
+from skillcli.robots.robot import Robot
 from skillcli.simulation.arm_environment import ArmEnvironment
 from skillcli.simulation.domains import find_domain
 from skillcli.tasks.point.settings import PointTask
 from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.reach.settings import ReachTask
-from skillcli.tasks.registry import make
 from skillcli.trajectories import Array
 
 ROBOTS = Path(__file__).parent.parent / "robots"
@@ -32,7 +32,7 @@ NAMES = re.findall(r'<joint name="(\w+)"', MODEL)
 
 @pytest.fixture(params=["torque", "servo", "meshes"])
 def robot(request: pytest.FixtureRequest) -> Robot:
-    return load_robot(ROBOTS / f"{request.param}.toml")
+    return target_robot(ROBOTS / f"{request.param}.toml")
 
 
 def described(folder: Path, text: str = TORQUE, model: str = MODEL) -> Path:
@@ -53,6 +53,11 @@ def env_on(robot: Robot, task: ReachTask | PushTask = REACH, num: int = 2, delay
     env = make(task, num, 1, delay, robot)
     assert isinstance(env, ArmEnvironment)
     return env
+
+
+def timestep_of(robot: Robot) -> float:
+    spec = robot.arm_spec(robot.home, REACH.timestep, REACH.control_period)
+    return float(spec.option.timestep)
 
 
 def reply(env: ArmEnvironment, joint: int = 6, steps: int = 8) -> Array:
@@ -82,7 +87,7 @@ def test_shapes_are_those_of_the_source_and_states_go_back(robot: Robot, task: R
 
 def test_an_arm_at_rest_stays_at_the_start_and_moves_as_it_is_told(robot: Robot) -> None:
     env = env_on(robot)
-    np.testing.assert_allclose(env.arms.joint_position, [REACH.start] * 2, atol=1e-12)
+    np.testing.assert_allclose(env.arms.joint_position, [SAWYER.start("reach")] * 2, atol=1e-12)
     start = env.judged()
     for _ in range(20):
         env.step(np.zeros((2, 7)))
@@ -112,7 +117,7 @@ def test_the_finger_pushes_the_box(robot: Robot, towards: int) -> None:
 
 
 def test_its_own_floor_table_and_objects_are_left_behind(robot: Robot) -> None:
-    model = robot.arm_spec(PUSH).compile()
+    model = robot.arm_spec(robot.home, PUSH.timestep, PUSH.control_period).compile()
     bodies = [model.body(i).name for i in range(model.nbody)]
     assert "robot/box" not in bodies and "robot/table" not in bodies and model.nkey == model.nsensor == 0
     fixed = model.body_weldid[model.geom_bodyid] == 0
@@ -121,7 +126,7 @@ def test_its_own_floor_table_and_objects_are_left_behind(robot: Robot) -> None:
 
 
 def test_joints_that_are_held_stay_and_others_are_locked() -> None:
-    servo, meshes = (load_robot(ROBOTS / f"{name}.toml") for name in ("servo", "meshes"))
+    servo, meshes = (target_robot(ROBOTS / f"{name}.toml") for name in ("servo", "meshes"))
     assert servo.model.nu == 8 and servo.model.njnt == 9 and not servo.notes
     assert meshes.model.nu == 7 and meshes.model.njnt == 7
     missing, locked, _ = meshes.notes
@@ -135,11 +140,11 @@ def test_joints_that_are_held_stay_and_others_are_locked() -> None:
 
 def test_servos_of_any_kind_are_brought_to_one_form() -> None:
     """Gear 2, gain 150: 600 N·m/rad at the joint; a control that is an angle of the joint, and a limit of 40 N·m doubled."""
-    model = load_robot(ROBOTS / "servo.toml").model
-    one = model.actuator(sawyer.NAMES.servos[1])
+    model = target_robot(ROBOTS / "servo.toml").model
+    one = model.actuator("servo1")
     assert one.gainprm[0] == 600 and one.biasprm[:3].tolist() == [0, -600, -60] and one.forcerange.tolist() == [-80, 80]
     assert model.actuator_actnum[:7].tolist() == [0, 0, 0, 0, 1, 1, 1]
-    motors = load_robot(ROBOTS / "torque.toml").model
+    motors = target_robot(ROBOTS / "torque.toml").model
     assert motors.actuator_gainprm[:, 0].tolist() == [900, 900, 700, 700, 400, 400, 400]
     assert motors.actuator_forcerange[:, 1].tolist() == [80, 80, 40, 40, 9, 9, 9], "gear times control range"
 
@@ -147,7 +152,7 @@ def test_servos_of_any_kind_are_brought_to_one_form() -> None:
 def test_what_a_motor_adds_to_its_joint_is_varied_with_it(tmp_path: Path) -> None:
     """Behind a gear of 10: 0.01 kg·m² and 0.02 N·m·s/rad are 1 and 2 at the joint, which has 0.6 and 1.5 of its own."""
     motor = '<motor joint=J gear="10" armature="0.01" damping="0.02" ctrlrange="-8 8"/>'
-    env = env_on(load_robot(described(tmp_path, TORQUE, driven_by(motor))))
+    env = env_on(target_robot(described(tmp_path, TORQUE, driven_by(motor))))
     np.testing.assert_allclose([env.arms.model.dof_armature[:7], env.arms.model.dof_damping[:7]], [[1.6] * 7, [3.5] * 7])
     env.perturb({"armature": np.full((2, 7), 2.0)}, np.random.default_rng(0))
     np.testing.assert_allclose(env.arms.batch.expand("dof_armature")[:, :7], 3.2)
@@ -156,7 +161,7 @@ def test_what_a_motor_adds_to_its_joint_is_varied_with_it(tmp_path: Path) -> Non
 def test_a_servo_in_one_form_pushes_with_the_force_it_had(tmp_path: Path) -> None:
     """force = gear (gain u + offset - 300 gear q - 20 gear v), here by hand."""
     general = '<general joint=J gear="2" gainprm="50" biastype="affine" biasprm="30 -300 -20" ctrlrange="-4 4"/>'
-    robot = load_robot(described(tmp_path, WITHOUT_GAINS, driven_by(general)))
+    robot = target_robot(described(tmp_path, WITHOUT_GAINS, driven_by(general)))
     model, data = robot.model, mujoco.MjData(robot.model)
     angle, speed, target = 0.2, 0.5, 0.1
     joint = model.joint("robot/elbow")
@@ -178,9 +183,9 @@ def test_a_servo_in_one_form_pushes_with_the_force_it_had(tmp_path: Path) -> Non
     ],
 )
 def test_position_servos_are_found_and_what_else_acts_stays(actuators: str, number: int, tmp_path: Path) -> None:
-    env = env_on(load_robot(described(tmp_path, WITHOUT_GAINS, driven_by(actuators))))
+    env = env_on(target_robot(described(tmp_path, WITHOUT_GAINS, driven_by(actuators))))
     assert env.arms.model.nu == number
-    assert reply(env)[-1, 0] - REACH.start[6] > 0.2
+    assert reply(env)[-1, 0] - SAWYER.start("reach")[6] > 0.2
 
 
 def test_the_named_one_of_several_servos_is_taken(tmp_path: Path) -> None:
@@ -188,17 +193,17 @@ def test_the_named_one_of_several_servos_is_taken(tmp_path: Path) -> None:
     numbers = iter(range(14))
     model = re.sub("<position", lambda _: f'<position name="p{next(numbers)}"', model)
     with pytest.raises(UsageError, match="'base_yaw' has 2 position servos: 'p0', 'p1'"):
-        load_robot(described(tmp_path, WITHOUT_GAINS, model))
+        target_robot(described(tmp_path, WITHOUT_GAINS, model))
     named = 'actuators = ["p0", "p2", "p4", "p6", "p8", "p10", "p12"]\n' + WITHOUT_GAINS
-    robot = load_robot(described(tmp_path, named, model))
+    robot = target_robot(described(tmp_path, named, model))
     assert robot.model.actuator_gainprm[:, 0].tolist() == [500] * 7, "the others would pull to zero"
 
 
 def test_latency_of_the_robot_and_of_a_domain_add_up(tmp_path: Path) -> None:
-    late = load_robot(
+    late = target_robot(
         described(tmp_path, WITHOUT_GAINS, driven_by('<position joint=J kp="500" kv="50" delay="0.05" nsample="30"/>'))
     )
-    prompt = reply(env_on(load_robot(described(tmp_path, WITHOUT_GAINS, driven_by('<position joint=J kp="500" kv="50"/>')))))
+    prompt = reply(env_on(target_robot(described(tmp_path, WITHOUT_GAINS, driven_by('<position joint=J kp="500" kv="50"/>')))))
     np.testing.assert_allclose(reply(env_on(late))[1:], prompt[:-1], atol=1e-3)
     env = env_on(late, delay=True)
     env.perturb({"latency": np.array([0.0, 0.1])}, np.random.default_rng(0))
@@ -228,7 +233,7 @@ def test_every_domain_parameter_acts_on_it(robot: Robot) -> None:
 
 
 def test_it_runs_on_the_hardest_domain(robot: Robot) -> None:
-    parameters = sample(find_domain("real-like").parameters, 8, np.random.default_rng(0))
+    parameters = sample(find_domain("real-like").parameters, 8, np.random.default_rng(0), JOINTS)
     env = env_on(robot, PUSH, 8, delay=True)
     env.perturb(parameters, np.random.default_rng(1))
     env.reset(np.arange(8), np.zeros(8, dtype=np.int64))
@@ -238,33 +243,31 @@ def test_it_runs_on_the_hardest_domain(robot: Robot) -> None:
 
 
 def test_the_time_step_is_the_models_own_or_the_longest_below_that_fits(tmp_path: Path) -> None:
-    steps = {
-        name: load_robot(ROBOTS / f"{name}.toml").arm_spec(REACH).option.timestep for name in ("torque", "servo", "meshes")
-    }
+    steps = {name: timestep_of(target_robot(ROBOTS / f"{name}.toml")) for name in ("torque", "servo", "meshes")}
     assert steps == {"torque": 0.002, "servo": pytest.approx(0.05 / 13), "meshes": 0.0025}
-    robot = load_robot(described(tmp_path, "timestep = 0.001\n" + TORQUE))
+    robot = target_robot(described(tmp_path, "timestep = 0.001\n" + TORQUE))
     assert env_on(robot).arms.substeps == 50
     assert robot.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4 and robot.summary["integrator"] == "rk4"
 
 
 def test_the_fingerprint_follows_what_matters_and_not_where_it_lies(tmp_path: Path) -> None:
-    first = load_robot(ROBOTS / "torque.toml").fingerprint
-    assert load_robot(described(tmp_path)).fingerprint == first
+    first = target_robot(ROBOTS / "torque.toml").fingerprint
+    assert target_robot(described(tmp_path)).fingerprint == first
     others = [
         (TORQUE.replace("900", "901"), MODEL),
         (TORQUE, MODEL.replace('armature="0.6"', 'armature="0.7"')),
         ("start = [-0.2, -1.2, 0, 1.6, 0, 1.1, 3.1]\n" + TORQUE, MODEL),
     ]
-    prints = [load_robot(described(tmp_path, text, model)).fingerprint for text, model in others]
+    prints = [target_robot(described(tmp_path, text, model)).fingerprint for text, model in others]
     assert len({first, *prints}) == 4
 
 
 def test_a_start_of_its_own_and_a_raised_base(tmp_path: Path) -> None:
     start = (-0.2, -1.2, 0.0, 1.6, 0.0, 1.1, 3.1)
-    robot = load_robot(described(tmp_path, f"start = {list(start)}\n{TORQUE}\n[base]\npos = [0, 0, 0.1]"))
+    robot = target_robot(described(tmp_path, f"start = {list(start)}\n{TORQUE}\n[base]\npos = [0, 0, 0.1]"))
     env = env_on(robot)
     np.testing.assert_allclose(env.arms.joint_position, [start] * 2)
-    expected, _ = posture(sawyer.arm_spec(0.005).compile(), sawyer.NAMES, start)
+    expected, _ = gripper_and_axes(SAWYER.model, SAWYER.names, start)
     np.testing.assert_allclose(env.judged()[0] - [0, 0, 0.1], expected, atol=1e-6)
     (note,) = robot.notes
     assert "10 cm from where the source has it" in note
@@ -272,7 +275,7 @@ def test_a_start_of_its_own_and_a_raised_base(tmp_path: Path) -> None:
 
 def test_links_that_overlap_at_the_start_are_noted(tmp_path: Path) -> None:
     model = MODEL.replace('size="0.045 0.02"', 'size="0.15 0.15"')
-    (note,) = load_robot(described(tmp_path, TORQUE, model)).notes
+    (note,) = target_robot(described(tmp_path, TORQUE, model)).notes
     assert "fore2 and hand" in note and "exclude" in note
 
 
@@ -281,13 +284,13 @@ def test_the_source_described_as_another_robot_moves_as_the_source(task: ReachTa
     text = f"""
         model = "torque.xml"
         timestep = {task.timestep}
-        joints = {list(sawyer.JOINTS)}
+        joints = {list(SAWYER.names.joints)}
         finger = ["finger"]
         [gripper]
         body = "finger"
         pos = [0, 0, 0.15]
     """
-    robot = load_robot(described(tmp_path, text, sawyer.MODEL_FILE.read_text(encoding="utf-8")))
+    robot = target_robot(described(tmp_path, text, SAWYER.path.with_suffix(".xml").read_text(encoding="utf-8")))
     assert robot.notes == () and robot.summary["gripper_from_source_m"] == pytest.approx([0, 0, 0], abs=1e-12)
     twin, source = env_on(robot, task), make(task, 2, 1)
     for action in np.random.default_rng(0).uniform(-1, 1, (10, 2, 7)):
@@ -297,7 +300,7 @@ def test_the_source_described_as_another_robot_moves_as_the_source(task: ReachTa
 @pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicit"])
 def test_servos_that_would_shake_are_integrated_implicitly(integrator: str, tmp_path: Path) -> None:
     light = MODEL.replace('armature="0.6" damping="1.5"', 'armature="0"').replace("RK4", integrator)
-    robot = load_robot(described(tmp_path, TORQUE, light))
+    robot = target_robot(described(tmp_path, TORQUE, light))
     explicit = integrator != "implicit"
     assert robot.summary["integrator"] == ("implicitfast" if explicit else "implicit") and len(robot.notes) == explicit + 1
     env = env_on(robot)
@@ -309,14 +312,14 @@ def test_servos_that_would_shake_are_integrated_implicitly(integrator: str, tmp_
 
 def test_a_joint_too_light_for_its_limited_servo_follows_all_the_same(tmp_path: Path) -> None:
     light = MODEL.replace('armature="0.6" damping="1.5" frictionloss="0.2"', 'armature="0"')
-    robot = load_robot(described(tmp_path, TORQUE, light))
+    robot = target_robot(described(tmp_path, TORQUE, light))
     (note,) = [note for note in robot.notes if "motor inertia" in note]
     assert "up to 0.078 kg·m²" in note and "hand_roll" in note and "shoulder" not in note, "of k_v h = 0.08"
     env = env_on(robot)
     angles = reply(env)
     assert (np.diff(angles, axis=0) > 0).all(), "at its largest torque too"
     assert np.abs(env.arms.joint_velocity[:, 6]).max() < 2
-    assert not any("motor inertia" in note for note in load_robot(ROBOTS / "torque.toml").notes)
+    assert not any("motor inertia" in note for note in target_robot(ROBOTS / "torque.toml").notes)
 
 
 REFUSED = [
@@ -325,7 +328,7 @@ REFUSED = [
     (TORQUE, "hello", "model: torque.xml cannot be read as MJCF", "XML"),
     (TORQUE, "<mujoco/>", "no joint 'base_yaw'", "none"),
     (TORQUE.replace('"elbow"', '"elbo"'), MODEL, "joints: no joint 'elbo'", "base_yaw, shoulder, upper_roll, elbow"),
-    (TORQUE.replace('"elbow", ', ""), MODEL, "joints: must name seven.*got 6", "robots.md"),
+    (TORQUE.replace('"elbow", ', ""), MODEL, "joints: must name seven.*got 6", "another arm"),
     (TORQUE.replace('"elbow"', '"wrist"'), MODEL, "joints: names 'wrist' more than once", "robots.md"),
     (
         TORQUE.replace('"elbow", "fore_roll"', '"fore_roll", "elbow"'),
@@ -357,7 +360,7 @@ REFUSED = [
     (WITHOUT_GAINS, MODEL, "gains: joint 'base_yaw' has no position servo", "kp and kv"),
     (WITHOUT_GAINS, driven_by(""), "gains: joint 'base_yaw' has no actuator", "kp and kv"),
     (TORQUE.replace("kp = [900", "kp = [-900"), MODEL, "gains: every gain and force must be positive", "robots.md"),
-    (TORQUE.replace("kp = [900, ", "kp = ["), MODEL, "gains.kp: expected seven numbers", "robots.md"),
+    (TORQUE.replace("kp = [900, ", "kp = ["), MODEL, "gains.kp: expected 7 values", "robots.md"),
     (TORQUE + "\n[finger]\nname = 1", MODEL, "finger", "robots.md"),
     (TORQUE + "\n[arm]\nname = 1", MODEL, "unknown key 'arm'", "model, joints, gripper"),
     (TORQUE.replace("kp =", "ki ="), MODEL, "'gains.kp' is missing|unknown key 'gains.ki'", ""),
@@ -401,7 +404,7 @@ REFUSED = [
 @pytest.mark.parametrize(("text", "model", "said", "hinted"), REFUSED)
 def test_what_does_not_fit_is_refused_with_a_reason(text: str, model: str, said: str, hinted: str, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=said) as caught:
-        load_robot(described(tmp_path, text, model))
+        target_robot(described(tmp_path, text, model))
     assert hinted in caught.value.hint and "robot.toml" in caught.value.message and "\n" not in caught.value.message
 
 
@@ -419,7 +422,7 @@ def test_what_does_not_fit_is_refused_with_a_reason(text: str, model: str, said:
     ],
 )
 def test_what_does_not_fit_the_task_is_refused_when_it_is_made(text: str, model: str, said: str, tmp_path: Path) -> None:
-    robot = load_robot(described(tmp_path, text, model))
+    robot = target_robot(described(tmp_path, text, model))
     with pytest.raises(UsageError, match=said) as caught:
         make(PUSH, 1, robot=robot)
     assert caught.value.hint and "robot.toml" in caught.value.message
@@ -428,18 +431,18 @@ def test_what_does_not_fit_the_task_is_refused_when_it_is_made(text: str, model:
 def test_a_huge_file_is_not_read(tmp_path: Path) -> None:
     path = described(tmp_path, TORQUE, MODEL + "\n<!--" + "x" * MAX_BYTES + "-->")
     with pytest.raises(UsageError, match=r"torque\.xml has 32 MiB"):
-        load_robot(path)
+        target_robot(path)
 
 
 def test_a_servo_that_cannot_be_told_to_stay_at_the_start_is_refused(tmp_path: Path) -> None:
     """The elbow starts at 1.65 rad; what a servo cannot be told is not commanded either."""
     servos = driven_by('<position joint=J kp="500" kv="50" ctrlrange="-4 4"/>')
     elbow = re.compile('("elbow"[^>]*ctrlrange=)"-4 4"')
-    robot = load_robot(described(tmp_path, WITHOUT_GAINS, elbow.sub(r'\1"0 1"', servos)))
+    robot = target_robot(described(tmp_path, WITHOUT_GAINS, elbow.sub(r'\1"0 1"', servos)))
     with pytest.raises(UsageError, match=r"joint .elbow. starts at 1.65.* rad, and its servo takes 0 .. 1 rad") as caught:
         make(REACH, 1, robot=robot)
     assert "ctrlrange" in caught.value.hint and "robot.toml" in caught.value.message
-    env = env_on(load_robot(described(tmp_path, WITHOUT_GAINS, elbow.sub(r'\1"1 1.7"', servos))))
+    env = env_on(target_robot(described(tmp_path, WITHOUT_GAINS, elbow.sub(r'\1"1 1.7"', servos))))
     for _ in range(20):
         env.step(np.ones((2, 7)))
     assert env.arms.commanded[:, 3].max() <= 1.7
@@ -447,27 +450,27 @@ def test_a_servo_that_cannot_be_told_to_stay_at_the_start_is_refused(tmp_path: P
 
 def test_an_arm_that_hangs_is_noted_with_how_far_and_what_to_do(tmp_path: Path) -> None:
     sagging = "gravity_compensation = false\n" + TORQUE
-    (note,) = load_robot(described(tmp_path, sagging)).notes
+    (note,) = target_robot(described(tmp_path, sagging)).notes
     found = re.fullmatch(r"at rest the arm hangs (.*) cm off where it is told to be, 'shoulder' by (.*)°: (.*)", note)
     assert found and "`gravity_compensation = true`" in found[3]
-    env = env_on(load_robot(described(tmp_path, sagging)), num=1)
+    env = env_on(target_robot(described(tmp_path, sagging)), num=1)
     start = env.judged()[0]
     for _ in range(60):
         env.step(np.zeros((1, 7)))
     assert float(found[1]) == pytest.approx(100 * np.linalg.norm(env.judged()[0] - start), abs=0.06)
-    assert float(found[2]) == pytest.approx(np.degrees(abs(env.arms.joint_position - REACH.start)).max(), abs=0.06)
-    assert not load_robot(described(tmp_path)).notes
+    assert float(found[2]) == pytest.approx(np.degrees(abs(env.arms.joint_position - SAWYER.start("reach"))).max(), abs=0.06)
+    assert not target_robot(described(tmp_path)).notes
 
 
 def test_an_arm_whose_servos_tear_it_apart_is_noted(tmp_path: Path) -> None:
     stiff = re.sub(r"kp = .*", "kp = [1e9, 1e9, 1e9, 1e9, 1e9, 1e9, 1e9]", TORQUE)
     free = MODEL.replace('ctrlrange="-1 1"', "").replace('armature="0.6"', 'armature="0"')
-    assert any("comes apart: its gains are too high" in note for note in load_robot(described(tmp_path, stiff, free)).notes)
+    assert any("comes apart: its gains are too high" in note for note in target_robot(described(tmp_path, stiff, free)).notes)
 
 
 def test_joint_speeds_are_judged_by_the_robots_own_data_sheet(tmp_path: Path) -> None:
-    slow = load_robot(described(tmp_path, "speed_limit = [0.1, 9, 9, 9, 9, 9, 9]\n" + TORQUE))
-    usual = load_robot(described(tmp_path))
+    slow = target_robot(described(tmp_path, "speed_limit = [0.1, 9, 9, 9, 9, 9, 9]\n" + TORQUE))
+    usual = target_robot(described(tmp_path))
     found = []
     for robot in (slow, usual):
         env = env_on(robot)
@@ -475,7 +478,7 @@ def test_joint_speeds_are_judged_by_the_robots_own_data_sheet(tmp_path: Path) ->
             env.step(np.eye(7)[[0, 1]])
         found.append(env.violations()[:, 1].tolist())
     assert found == [[True, False], [False, False]]
-    assert usual.summary["own_speed_limit"] is False and usual.summary["speed_limit"] == list(sawyer.VELOCITY_LIMIT)
+    assert usual.summary["own_speed_limit"] is False and usual.summary["speed_limit"] == list(SAWYER.speed_limit)
     assert slow.summary["speed_limit"][0] == 0.1 and slow.fingerprint != usual.fingerprint
 
 
@@ -497,14 +500,14 @@ PARALLEL = chain_of((0, 0, 90), (0, 0.42, 0), (0, 0.39, 0), (0, 0, 90), (0.1, 0,
 @pytest.mark.parametrize("text", [TORQUE, WITHOUT_GAINS])
 def test_another_arm_is_called_one_before_anything_else_is_asked_for(arm: str, text: str, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"this looks like another arm than the Sawyer: .* where") as caught:
-        load_robot(described(tmp_path, text, arm))
-    assert "skills are joint motions of the Sawyer and do not carry over" in caught.value.hint and "train" in caught.value.hint
+        target_robot(described(tmp_path, text, arm))
+    assert "skills are joint motions of one arm and do not carry over" in caught.value.hint and "train" in caught.value.hint
 
 
 def test_an_arm_of_six_joints_is_another_one(tmp_path: Path) -> None:
-    six = TORQUE.replace('"elbow", ', "").replace("kp = [900, ", "kp = [")
+    six = TORQUE.replace('"elbow", ', "").replace("kp = [900, ", "kp = [").replace("kv = [90, ", "kv = [")
     with pytest.raises(UsageError, match=r"joints: must name seven.*got 6") as caught:
-        load_robot(described(tmp_path, six))
+        target_robot(described(tmp_path, six))
     assert "another arm" in caught.value.hint
 
 
@@ -513,21 +516,21 @@ def test_neither_signs_nor_zeros_nor_the_base_make_another_arm(tmp_path: Path) -
     turned = MODEL.replace('name="elbow"', 'name="elbow" axis="0 0 -1"')
     for text, model in ((TORQUE, turned), (TORQUE + "\n[base]\nquat = [0, 1, 0, 0]\npos = [0, 0, 2]", MODEL)):
         with pytest.raises(UsageError, match="turns about"):
-            load_robot(described(tmp_path, text, model))
+            target_robot(described(tmp_path, text, model))
 
 
 def test_a_missing_robot_file_and_a_task_without_a_robot_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="no such file"):
-        load_robot(tmp_path / "nothing.toml")
+        target_robot(tmp_path / "nothing.toml")
     with pytest.raises(UsageError, match="point task has no robot"):
-        make(PointTask(), 1, robot=load_robot(ROBOTS / "torque.toml"))
+        make(PointTask(), 1, robot=target_robot(ROBOTS / "torque.toml"))
 
 
 def test_meshes_that_are_all_there_is_to_touch_must_be_there(tmp_path: Path) -> None:
     model = re.sub('<geom (fromto|type="cylinder" size="0.045)[^>]*/>', '<geom type="mesh" mesh="shell"/>', MODEL)
     model = model.replace("<worldbody>", '<asset><mesh name="shell" file="shell.stl"/></asset><worldbody>')
     with pytest.raises(UsageError, match="nothing is left of the arm that can touch") as caught:
-        load_robot(described(tmp_path, TORQUE, model))
+        target_robot(described(tmp_path, TORQUE, model))
     assert "1 mesh files are missing: 7 geoms" in caught.value.hint
 
 
@@ -545,7 +548,7 @@ def test_meshes_that_are_there_are_used_from_the_folder_of_the_model(tmp_path: P
         folder = tmp_path / str(edge)
         (folder / "meshes").mkdir(parents=True)
         (folder / "meshes" / "shell.obj").write_text(tetrahedron(edge), encoding="utf-8")
-        robot = load_robot(described(folder, TORQUE, model))
+        robot = target_robot(described(folder, TORQUE, model))
         assert robot.model.nmesh == 1 and not robot.notes
         assert np.isfinite(env_on(robot).step(np.ones((2, 7))).observation).all()
         prints.append(robot.fingerprint)
@@ -562,7 +565,7 @@ def test_meshes_of_an_attached_model_lie_where_that_model_says(tmp_path: Path) -
     (tmp_path / "hand" / "assets" / "palm.obj").write_text(tetrahedron(0.05), encoding="utf-8")
     model = MODEL.replace("<worldbody>", '<asset><model name="h" file="hand/hand.xml"/></asset><worldbody>')
     model = model.replace('<site name="mount"', '<attach model="h" body="palm" prefix="h_"/><site name="mount"')
-    robot = load_robot(described(tmp_path, TORQUE, model))
+    robot = target_robot(described(tmp_path, TORQUE, model))
     assert robot.model.nmesh == 1 and not any("missing" in note for note in robot.notes)
 
 
@@ -570,7 +573,7 @@ def test_contact_pairs_of_what_is_left_behind_go_along(tmp_path: Path) -> None:
     model = MODEL.replace("<worldbody>", '<worldbody><geom name="floor" type="plane" size="1 1 .1"/>')
     model = model.replace('<geom type="cylinder" size="0.045 0.02"/>', '<geom name="pad" type="cylinder" size="0.045 0.02"/>')
     model = model.replace("<contact>", '<contact><pair geom1="floor" geom2="pad"/>')
-    assert load_robot(described(tmp_path, TORQUE, model)).model.npair == 0
+    assert target_robot(described(tmp_path, TORQUE, model)).model.npair == 0
 
 
 @pytest.mark.parametrize("option", ['<flag gravity="disable"/>', None])
@@ -579,7 +582,7 @@ def test_a_box_has_its_weight_beside_an_arm_without_gravity(option: str | None, 
     model = MODEL.replace(start, start + ' gravity="0 0 0"')
     if option:
         model = re.sub("(<option [^>]*)/>", rf"\1>{option}</option>", MODEL)
-    robot = load_robot(described(tmp_path, TORQUE.replace("[gripper]", "gravity_compensation = true\n[gripper]"), model))
+    robot = target_robot(described(tmp_path, TORQUE.replace("[gripper]", "gravity_compensation = true\n[gripper]"), model))
     assert any("no gravity" in note for note in robot.notes)
     env = env_on(robot, PUSH)
     before = env.arms.object_pose.copy()
@@ -595,11 +598,11 @@ def test_a_box_has_its_weight_beside_an_arm_without_gravity(option: str | None, 
 def test_a_finger_without_a_name_gets_one_that_is_free(tmp_path: Path) -> None:
     both = '<geom type="cylinder" size="0.045 0.02"/><geom name="finger0" size="0.01" fromto="0 0 0 0 0 0.15"/>'
     model = MODEL.replace('<geom type="cylinder" size="0.045 0.02"/>', both)
-    robot = load_robot(described(tmp_path, 'finger = ["hand"]\n' + TORQUE, model))
+    robot = target_robot(described(tmp_path, 'finger = ["hand"]\n' + TORQUE, model))
     assert len(set(robot.names.finger)) == 2
 
 
 def test_an_arm_that_touches_nothing_breaks_no_limit(tmp_path: Path) -> None:
     model = MODEL.replace('<geom type="capsule"/>', '<geom type="capsule" contype="0" conaffinity="0"/>')
-    env = env_on(load_robot(described(tmp_path, "finger = []\n" + TORQUE, model)))
+    env = env_on(target_robot(described(tmp_path, "finger = []\n" + TORQUE, model)))
     assert not env.violations().any()

@@ -7,8 +7,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from worlds import SAWYER, reach_env
 
-from skillcli.robots import sawyer
+from skillcli.robots.scene import LIMIT_MARGIN
 from skillcli.tasks.reach.environment import ReachEnvironment
 from skillcli.tasks.reach.settings import ReachTask
 from skillcli.trajectories import Array
@@ -23,7 +24,7 @@ STRETCHED = (0.3, -0.2, 0.1, 0.3, 0.0, 0.2, 0.0)
 
 @pytest.fixture(scope="module")
 def model() -> mujoco.MjModel:
-    return sawyer.arm_spec(0.005).compile()
+    return SAWYER.model
 
 
 def test_the_flange_is_where_the_public_model_has_it(model: mujoco.MjModel) -> None:
@@ -46,7 +47,7 @@ def test_masses_add_up(model: mujoco.MjModel) -> None:
 
 
 def test_joints_have_the_published_ranges_and_efforts(model: mujoco.MjModel) -> None:
-    ranges = [model.joint(name).range.tolist() for name in sawyer.JOINTS]
+    ranges = [model.joint(name).range.tolist() for name in SAWYER.names.joints]
     assert ranges == [
         [-3.0503, 3.0503], [-3.8095, 2.2736], [-3.0426, 3.0426], [-3.0439, 3.0439], [-2.9761, 2.9761], [-2.9761, 2.9761],
         [-4.7124, 4.7124],
@@ -57,16 +58,16 @@ def test_joints_have_the_published_ranges_and_efforts(model: mujoco.MjModel) -> 
 
 def test_the_finger_is_fifteen_centimetres_long_and_points_down_at_the_start(model: mujoco.MjModel) -> None:
     data = mujoco.MjData(model)
-    data.qpos[:] = ReachTask().start
+    data.qpos[:] = SAWYER.start("reach")
     mujoco.mj_kinematics(model, data)
     gripper, flange = data.site("gripper"), data.site("flange")
     np.testing.assert_allclose(gripper.xpos, [0.6, 0, 0.25], atol=2e-3)
     np.testing.assert_allclose(flange.xpos - gripper.xpos, [0, 0, 0.15], atol=2e-3)
 
 
-@pytest.mark.parametrize("pose", [HOME, STRETCHED, ReachTask().start])
+@pytest.mark.parametrize("pose", [HOME, STRETCHED, SAWYER.start("reach")])
 def test_gravity_compensation_keeps_the_arm_where_it_is(pose: tuple[float, ...]) -> None:
-    env = ReachEnvironment(ReachTask(start=pose), 1)
+    env = reach_env(ReachTask(start=pose), 1)
     before = env.judged()
     for _ in range(40):  # 2 s
         env.step(np.zeros((1, 7)))
@@ -76,7 +77,7 @@ def test_gravity_compensation_keeps_the_arm_where_it_is(pose: tuple[float, ...])
 @pytest.fixture(scope="module")
 def pushed() -> tuple[ReachEnvironment, Array, Array]:
     """14 arms, each driven from near a limit against it: every joint, both directions. Angles and speeds, (T, 14, 7)."""
-    env = ReachEnvironment(ReachTask(), 14)
+    env = reach_env(ReachTask(), 14)
     joint, sign = EVERYONE // 2, np.where(EVERYONE % 2, 1.0, -1.0)
     low, high = (env.arms.model.jnt_range[:7, side] for side in (0, 1))
     pose = np.tile(STRETCHED, (14, 1))
@@ -101,13 +102,13 @@ def test_no_joint_leaves_its_range(pushed: tuple[ReachEnvironment, Array, Array]
     end = angles[-1, EVERYONE, joint]
     nearest = np.where(EVERYONE % 2, limits[joint, 1], limits[joint, 0])
     free = np.delete(EVERYONE, [6, 7])  # joint 3 folds the arm onto itself first
-    np.testing.assert_allclose(np.abs(end - nearest)[free], sawyer.LIMIT_MARGIN, atol=2e-3)
+    np.testing.assert_allclose(np.abs(end - nearest)[free], LIMIT_MARGIN, atol=2e-3)
 
 
 def test_joints_keep_their_speed_limits_at_full_action(pushed: tuple[ReachEnvironment, Array, Array]) -> None:
     free = np.delete(EVERYONE, [6, 7])  # joint 3 folds the arm onto itself before it gets to its limits
-    assert (np.abs(pushed[2][:, free]) < sawyer.VELOCITY_LIMIT).all()
-    env = ReachEnvironment(ReachTask(), 8)
+    assert (np.abs(pushed[2][:, free]) < SAWYER.speed_limit).all()
+    env = reach_env(ReachTask(), 8)
     speed = env.arms.batch.bind("qvel")
     rng = np.random.default_rng(0)
     fastest = np.zeros(7)
@@ -116,11 +117,11 @@ def test_joints_keep_their_speed_limits_at_full_action(pushed: tuple[ReachEnviro
             action = rng.choice([-1.0, 1.0], (8, 7))
         env.step(action)
         fastest = np.maximum(fastest, np.abs(speed).max(axis=0))
-    assert (fastest < sawyer.VELOCITY_LIMIT).all() and (fastest > 0.5).all()
+    assert (fastest < SAWYER.speed_limit).all() and (fastest > 0.5).all()
 
 
 def test_the_commanded_target_does_not_run_away_from_an_arm_that_is_held_up() -> None:
-    env = ReachEnvironment(ReachTask(), 1)
+    env = reach_env(ReachTask(), 1)
     arms, command = env.arms, env.arms.batch.bind("ctrl")
     measured = arms.joint_position
     for _ in range(60):  # into the table, with the shoulder
@@ -139,7 +140,7 @@ def test_an_unstable_simulation_fails_alone_and_ends_in_a_clear_state(
     velocity: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)  # MuJoCo writes its warnings into a file where it stands
-    env, calm = ReachEnvironment(ReachTask(), 3), ReachEnvironment(ReachTask(), 3)
+    env, calm = reach_env(ReachTask(), 3), reach_env(ReachTask(), 3)
     action = np.random.default_rng(0).uniform(-1, 1, (3, 7))
     env.arms.batch.bind("qvel")[1] = velocity
     step, expected = env.step(action), calm.step(action)

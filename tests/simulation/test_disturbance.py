@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from worlds import SAWYER, push_env, reach_env
 
 from skillcli.simulation.disturbance import Disturbance
-from skillcli.tasks.push.environment import PushEnvironment
 from skillcli.tasks.push.settings import PushTask
-from skillcli.tasks.reach.environment import ReachEnvironment
 from skillcli.tasks.reach.settings import ReachTask
 
 
@@ -30,19 +29,19 @@ def test_without_jitter_or_knocks_nothing_is_drawn() -> None:
 
 def test_a_late_command_leaves_the_old_one_in_force_until_then() -> None:
     """By hand: three physics steps of the old command, seven of the new one; and none of it for one ten steps late."""
-    env, hand = ReachEnvironment(ReachTask(), 3), ReachEnvironment(ReachTask(), 1)
+    env, hand = reach_env(ReachTask(), 3), reach_env(ReachTask(), 1)
     env.arms.move(np.full((3, 7), 0.04), np.array([0, 3, 10]))
     old = hand.arms.batch.bind("ctrl").copy()
     hand.arms.batch.step(nstep=3)
     hand.arms.batch.bind("ctrl")[:] = old + 0.04
     hand.arms.batch.step(nstep=7)
     np.testing.assert_array_equal(env.arms.joint_position[1], hand.arms.joint_position[0])
-    at_once, late, next_time = env.arms.joint_position - np.array(ReachTask().start)
+    at_once, late, next_time = env.arms.joint_position - np.array(SAWYER.start("reach"))
     assert (at_once > late).all() and (late > 0.004).all() and np.abs(next_time).max() < 1e-4
 
 
 def test_no_command_is_lost() -> None:
-    env = ReachEnvironment(ReachTask(), 2)
+    env = reach_env(ReachTask(), 2)
     env.perturb({"control_jitter": np.array([0.0, 0.05])}, np.random.default_rng(0))
     env.reset(np.arange(2), np.zeros(2, dtype=np.int64))
     action = np.concatenate([np.ones((5, 2, 7)), np.zeros((15, 2, 7))])
@@ -67,7 +66,7 @@ def test_knocks_come_as_often_as_stated_with_the_stated_impulse() -> None:
 
 def test_a_knock_gives_the_box_its_momentum_and_ends() -> None:
     """5 N for 50 ms on 0.3 kg are 0.83 m/s, but for a little friction: 0.006 of its weight."""
-    env = PushEnvironment(PushTask(), 2)
+    env = push_env(PushTask(), 2)
     env.perturb({"contact_friction": np.full(2, 0.01)}, np.random.default_rng(0))
     env.reset(np.arange(2), np.zeros(2, dtype=np.int64))
     env.arms.knock(np.zeros((2, 3)), np.array([[0, 0, 0], [0.0, 5.0, 0]]))
@@ -80,7 +79,7 @@ def test_a_knock_gives_the_box_its_momentum_and_ends() -> None:
 
 
 def test_a_saved_state_holds_no_knock() -> None:
-    env = PushEnvironment(PushTask(), 1)
+    env = push_env(PushTask(), 1)
     parameters = {"push_rate": np.array([20.0]), "arm_push": np.array([5.0])}
     env.perturb(parameters, np.random.default_rng(0))
     for _ in range(5):

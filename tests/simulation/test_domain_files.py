@@ -78,7 +78,7 @@ def test_a_file_needs_no_more_than_a_name(tmp_path: Path) -> None:
         ('name = "a"\n[parameters]\ngain = {normal=[1, 1]}', "parameters.gain: expected a number, or one of", ""),
         ('name = "a"\n[parameters]\ngain = "strong"', "parameters.gain: expected a number, or one of", ""),
         ('name = "a"\n[parameters]\ngain = [1, 2]', "parameters.gain: expected a number, or one of", ""),
-        ('name = "a"\n[parameters]\ngain = {values=[1, 2]}', "gain has 7 values in each episode, got 2", ""),
+        ('name = "a"\n[parameters]\ntable_tilt = {values=[0.1]}', "table_tilt has 2 values in each episode, got 1", ""),
         ('name = "a"\n[parameters]\ngain = nan', "parameters.gain: expected a finite number, got nan", ""),
         ('name = "a"\n[parameters]\njoint_drift = 0.01', "joint_drift says nothing without drift_time", ""),
     ],
@@ -131,5 +131,5 @@ def test_what_results_were_compared_on_stays_at_least_as_hard() -> None:
 def test_the_documentation_knows_every_parameter_and_preset_as_they_are() -> None:
     text = (Path(__file__).parents[2] / "docs" / "domains.md").read_text()
     for name, p in PARAMETERS.items():
-        assert f"| `{name}` | {p.size} | {p.unit} | {p.low:g} .. {p.high:g} | {p.meaning} |" in text
+        assert f"| `{name}` | {p.size or 'joints'} | {p.unit} | {p.low:g} .. {p.high:g} | {p.meaning} |" in text
     assert all(f"`{name}`" in text for name in PRESETS)

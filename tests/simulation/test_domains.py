@@ -6,16 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from worlds import JOINTS, SAWYER, point_env, push_env, reach_env, width
 
-from skillcli.config.randomization import MAX_LATENCY, PARAMETERS, sample
+from skillcli.config.randomization import MAX_LATENCY, PARAMETERS, PER_JOINT, sample
 from skillcli.errors import UsageError
-from skillcli.robots.sawyer import JOINTS
 from skillcli.simulation.domains import PRESETS, find_domain
-from skillcli.tasks.point.environment import PointEnvironment
 from skillcli.tasks.point.settings import PointTask
-from skillcli.tasks.push.environment import PushEnvironment
 from skillcli.tasks.push.settings import PushTask
-from skillcli.tasks.reach.environment import ReachEnvironment
 from skillcli.tasks.reach.settings import ReachTask
 from skillcli.trajectories import Array
 
@@ -29,11 +26,11 @@ def rng(seed: int = 0) -> np.random.Generator:
 @pytest.mark.parametrize("name", PRESETS)
 def test_parameters_are_drawn_again_the_same_within_their_ranges(name: str) -> None:
     domain = find_domain(name)
-    drawn, again = sample(domain.parameters, 200, rng()), sample(domain.parameters, 200, rng())
+    drawn, again = sample(domain.parameters, 200, rng(), JOINTS), sample(domain.parameters, 200, rng(), JOINTS)
     assert drawn.keys() == domain.parameters.keys() <= PARAMETERS.keys()
     for parameter, values in drawn.items():
         np.testing.assert_array_equal(values, again[parameter])
-        size = PARAMETERS[parameter][0]
+        size = width(parameter)
         assert values.shape == ((200,) if size == 1 else (200, size))
         low, high = min(domain.parameters[parameter].values), max(domain.parameters[parameter].values)
         assert low <= values.min() and values.max() <= high
@@ -46,11 +43,11 @@ def test_an_unknown_domain_names_those_there_are() -> None:
     assert "real-like" in caught.value.hint
 
 
-@pytest.mark.parametrize("kind", [ReachEnvironment, PushEnvironment])
+@pytest.mark.parametrize("kind", [reach_env, push_env])
 def test_the_nominal_domain_changes_nothing_bit_for_bit(kind: Any) -> None:
-    task = TASK if kind is ReachEnvironment else PUSH
+    task = TASK if kind is reach_env else PUSH
     plain, nominal = kind(task, 3), kind(task, 3)
-    nominal.perturb(sample(find_domain("nominal").parameters, 3, rng()), rng())
+    nominal.perturb(sample(find_domain("nominal").parameters, 3, rng(), JOINTS), rng())
     nominal.reset(np.arange(3), np.zeros(3, dtype=np.int64))
     for action in rng().uniform(-1, 1, (8, 3, 7)):
         np.testing.assert_array_equal(plain.step(action).observation, nominal.step(action).observation)
@@ -75,7 +72,7 @@ FIELDS = [
 
 def entries(model: Any, which: str, field: str) -> Any:
     if which == "links":
-        return [model.joint(name).bodyid[0] for name in JOINTS]
+        return [model.joint(name).bodyid[0] for name in SAWYER.names.joints]
     if which == "table":
         return (model.geom("table").id, 2)
     if which == "contacts":  # sliding only, not torsion
@@ -90,17 +87,17 @@ def has_box(model: Any) -> bool:
     return "box" in [model.body(index).name for index in range(model.nbody)]
 
 
-@pytest.mark.parametrize("kind", [ReachEnvironment, PushEnvironment])
+@pytest.mark.parametrize("kind", [reach_env, push_env])
 @pytest.mark.parametrize(("parameter", "field", "which", "how"), FIELDS)
 def test_a_parameter_changes_its_field_in_its_own_simulation_only(
     parameter: str, field: str, which: str, how: str, kind: Any
 ) -> None:
-    env = kind(TASK if kind is ReachEnvironment else PUSH, 3, delay=True)
+    env = kind(TASK if kind is reach_env else PUSH, 3, delay=True)
     if which == "box" and not has_box(env.arms.model):
         env.perturb({parameter: np.full(3, 1.5)}, rng())  # has no meaning, and does no harm
         return
     neutral, changed = (1.0, 1.5) if how == "factor" else (0.0, 0.02)
-    values = np.full((3, 7) if PARAMETERS[parameter][0] == 7 else 3, neutral)
+    values = np.full((3, 7) if PARAMETERS[parameter].size == PER_JOINT else 3, neutral)
     values[1] = changed
     env.perturb({parameter: values}, rng())
     base = getattr(env.arms.model, field)
@@ -114,7 +111,7 @@ def test_a_parameter_changes_its_field_in_its_own_simulation_only(
 
 def reply(latency: float, task: ReachTask = TASK) -> Array:
     """Joint 6 after each of 8 control steps when it is sent off at once, rad."""
-    env = ReachEnvironment(task, 2, delay=True)
+    env = reach_env(task, 2, delay=True)
     env.perturb({"latency": np.array([0.0, latency])}, rng())
     env.reset(np.arange(2), np.zeros(2, dtype=np.int64))
     angles = [env.arms.joint_position[:, 6]]
@@ -138,7 +135,7 @@ def test_latency_holds_at_a_finer_time_step_too() -> None:
 
 
 def test_an_arm_that_may_be_delayed_but_is_not_moves_as_the_plain_one() -> None:
-    plain, prepared = ReachEnvironment(TASK, 2), ReachEnvironment(TASK, 2, delay=True)
+    plain, prepared = reach_env(TASK, 2), reach_env(TASK, 2, delay=True)
     for action in rng().uniform(-1, 1, (8, 2, 7)):
         np.testing.assert_allclose(plain.step(action).observation, prepared.step(action).observation, atol=1e-6)
 
@@ -150,7 +147,7 @@ def test_commands_are_remembered_for_the_longest_latency_there_may_be() -> None:
 
 
 def test_a_weaker_compensation_lets_the_arm_sag() -> None:
-    env = ReachEnvironment(TASK, 2)
+    env = reach_env(TASK, 2)
     env.perturb({"gravity_compensation": np.array([1.0, 0.8])}, rng())
     env.reset(np.arange(2), np.zeros(2, dtype=np.int64))
     for _ in range(20):
@@ -160,16 +157,16 @@ def test_a_weaker_compensation_lets_the_arm_sag() -> None:
 
 
 def test_the_start_is_offset_in_its_own_simulation() -> None:
-    env = ReachEnvironment(TASK, 2)
+    env = reach_env(TASK, 2)
     offset = np.zeros((2, 7))
     offset[1] = 0.02
     env.perturb({"start_offset": offset}, rng())
     env.reset(np.arange(2), np.zeros(2, dtype=np.int64))
-    np.testing.assert_allclose(env.arms.joint_position - np.array(TASK.start), offset, atol=1e-12)
+    np.testing.assert_allclose(env.arms.joint_position - np.array(SAWYER.start("reach")), offset, atol=1e-12)
 
 
 def test_sensor_noise_has_its_stated_size_and_leaves_the_robot_alone() -> None:
-    env = ReachEnvironment(TASK, 400)
+    env = reach_env(TASK, 400)
     quiet = np.arange(400) < 200
     noise = {"joint_noise": np.where(quiet, 0.0, 0.005), "position_noise": np.where(quiet, 0.0, 0.003)}
     before = env.judged()
@@ -185,7 +182,7 @@ def test_sensor_noise_has_its_stated_size_and_leaves_the_robot_alone() -> None:
 
 
 def test_the_point_knows_gain_and_position_noise() -> None:
-    env = PointEnvironment(PointTask(), 400)
+    env = point_env(PointTask(), 400)
     gain = np.ones((400, 7))
     gain[200:] = 0.5
     env.perturb({"gain": gain, "position_noise": np.full(400, 0.01), "latency": np.zeros(400)}, rng())
@@ -197,7 +194,7 @@ def test_the_point_knows_gain_and_position_noise() -> None:
 def test_a_slippery_table_changes_what_dragging_the_finger_does() -> None:
     paths = []
     for factor in (0.4, 1.4):
-        env = ReachEnvironment(ReachTask(), 1)
+        env = reach_env(ReachTask(), 1)
         env.perturb({"contact_friction": np.array([factor])}, np.random.default_rng(0))
         env.reset(np.array([0]), np.array([0]))
         path = []

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from worlds import make, model_of, width
 
-from skillcli.config.randomization import PARAMETERS
+from skillcli.errors import UsageError
 from skillcli.simulation.environment import Environment, Step
 from skillcli.simulation.settings import ArmTask
+from skillcli.simulation.settings import TaskSettings as Task
 from skillcli.tasks.point.settings import PointTask
 from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.reach.settings import ReachTask
-from skillcli.tasks.registry import DESCRIPTIONS, Task, goal_place, make, model_of
+from skillcli.tasks.registry import ROOMS as DESCRIPTIONS
+from skillcli.tasks.world import place_goal as goal_place
 from skillcli.trajectories import Array
 
 TASKS: dict[str, Task] = {
@@ -203,7 +206,7 @@ def test_actions_are_clipped_to_the_limit(task: Task) -> None:
     full, wild = fresh(task, 2), fresh(task, 2)
     sign = np.sign(random_actions(full, 3))
     np.testing.assert_array_equal(motion(drive(full, sign)), motion(drive(wild, 50 * sign)))
-    limit = task.step_limit if isinstance(task, PointTask) else task.action_limit
+    limit = task.action_scale
     np.testing.assert_allclose(wild.applied, limit * sign[-1])
 
 
@@ -236,7 +239,7 @@ ANOTHER = {
 
 
 def another(num: int) -> dict[str, Array]:
-    sizes = {name: PARAMETERS[name].size for name in ANOTHER}
+    sizes = {name: width(name) for name in ANOTHER}
     return {name: np.full(num if sizes[name] == 1 else (num, sizes[name]), value) for name, value in ANOTHER.items()}
 
 
@@ -275,7 +278,7 @@ def test_chance_of_each_hangs_neither_on_how_many_there_are_nor_on_what_differs_
 def test_actions_as_commanded_lead_the_same_way_again(task: Task) -> None:
     """What is stored is what was commanded: sent again, leash and joint range cut it where they did the first time."""
     env, again = fresh(task, 2), fresh(task, 2)
-    limit = task.step_limit if isinstance(task, PointTask) else task.action_limit
+    limit = task.action_scale
     action = np.zeros((2, env.action_size))
     action[:, -1] = 50.0  # the last joint, or y, to its end
     path, applied = [], []
@@ -314,12 +317,12 @@ def test_the_lead_of_the_command_is_seen_where_the_task_says_so() -> None:
     assert (lead[:, :4] > 0.005).all(), "servos lag"
 
 
-def test_a_task_that_was_forgotten_in_a_table_is_no_other_task() -> None:
+def test_a_task_that_nobody_registered_is_no_other_task() -> None:
     class Plain(ArmTask):
         name: str = "plain"
         goals: tuple[tuple[float, float], ...] = ((0.5, 0.0),)
         names: tuple[str, ...] = ()
 
-    for use in (lambda: make(Plain(), 1), lambda: model_of(Plain()), lambda: goal_place(Plain(), (0.5, 0.0))):  # type: ignore[arg-type]
-        with pytest.raises(AssertionError, match="unreachable"):
+    for use in (lambda: make(Plain(), 1), lambda: model_of(Plain()), lambda: goal_place(Plain(), (0.5, 0.0))):
+        with pytest.raises(UsageError, match="no task 'plain'"):
             use()

@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from worlds import JOINTS, push_env, reach_env, width
 
 from skillcli.config.randomization import NEUTRAL, PARAMETERS, Range, sample
-from skillcli.tasks.push.environment import PushEnvironment
 from skillcli.tasks.push.settings import PushTask
-from skillcli.tasks.reach.environment import ReachEnvironment
 from skillcli.tasks.reach.settings import ReachTask
 from skillcli.trajectories import Array
 
@@ -26,13 +25,13 @@ BUSY = {"push_rate": 20.0, "object_push": 0.05, "joint_drift": 0.001, "drift_tim
 
 
 def full(num: int, values: dict[str, float]) -> dict[str, Array]:
-    sizes = {name: PARAMETERS[name].size for name in values}
+    sizes = {name: width(name) for name in values}
     return {name: np.full(num if sizes[name] == 1 else (num, sizes[name]), value) for name, value in values.items()}
 
 
 def ran(kind: Any, parameters: dict[str, Array] | None, seed: int = 0, threads: int = 0, steps: int = 6) -> Array:
     """What is seen and judged in some steps of two simulations."""
-    env = kind(ReachTask() if kind is ReachEnvironment else PushTask(), 2, threads, delay=True)
+    env = kind(ReachTask() if kind is reach_env else PushTask(), 2, threads, delay=True)
     if parameters is not None:
         env.perturb(parameters, np.random.default_rng(seed))
     env.reset(np.arange(2), np.zeros(2, dtype=np.int64))
@@ -43,7 +42,7 @@ def ran(kind: Any, parameters: dict[str, Array] | None, seed: int = 0, threads: 
     return np.stack(seen)
 
 
-@pytest.fixture(scope="module", params=[ReachEnvironment, PushEnvironment])
+@pytest.fixture(scope="module", params=[reach_env, push_env])
 def plain(request: pytest.FixtureRequest) -> tuple[Any, Array]:
     return request.param, ran(request.param, None)
 
@@ -56,12 +55,12 @@ def test_a_neutral_value_changes_nothing_bit_for_bit(plain: tuple[Any, Array], n
 
 @pytest.fixture(scope="module")
 def busy() -> Array:
-    return ran(PushEnvironment, full(2, BUSY))
+    return ran(push_env, full(2, BUSY))
 
 
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_any_other_value_changes_what_happens_or_what_is_seen(busy: Array, name: str) -> None:
-    changed = ran(PushEnvironment, full(2, {**BUSY, name: CHANGED.get(name, 1.5)}))
+    changed = ran(push_env, full(2, {**BUSY, name: CHANGED.get(name, 1.5)}))
     assert np.isfinite(changed).all()
     assert np.abs(changed - busy)[..., :13].max() > 1e-6
 
@@ -71,17 +70,17 @@ def everything(num: int) -> dict[str, Array]:
 
 
 def test_everything_at_once_hangs_on_the_generator_alone_and_not_on_threads() -> None:
-    first = ran(PushEnvironment, everything(2), threads=1)
-    np.testing.assert_array_equal(ran(PushEnvironment, everything(2), threads=2), first)
-    assert (ran(PushEnvironment, everything(2), seed=1) != first).any()
+    first = ran(push_env, everything(2), threads=1)
+    np.testing.assert_array_equal(ran(push_env, everything(2), threads=2), first)
+    assert (ran(push_env, everything(2), seed=1) != first).any()
 
 
 def test_a_robot_that_becomes_nominal_again_is_the_plain_one() -> None:
-    env = PushEnvironment(PushTask(), 2, delay=True)
+    env = push_env(PushTask(), 2, delay=True)
     env.perturb(everything(2), np.random.default_rng(0))
     env.perturb({}, np.random.default_rng(0))
     env.reset(np.arange(2), np.zeros(2, dtype=np.int64))
-    other = PushEnvironment(PushTask(), 2, delay=True)
+    other = push_env(PushTask(), 2, delay=True)
     for action in np.random.default_rng(7).uniform(-1, 1, (4, 2, 7)):
         np.testing.assert_array_equal(env.step(action).observation, other.step(action).observation)
 
@@ -89,9 +88,9 @@ def test_a_robot_that_becomes_nominal_again_is_the_plain_one() -> None:
 def test_draws_within_the_bounds_of_every_parameter_at_once_end_in_failures_and_never_in_nan() -> None:
     """As nasty as a file may be: both ends of everything, servos a thousand times too stiff, links of a hundredth."""
     ranges = {name: Range(kind="one_of", values=(p.low, p.high)) for name, p in PARAMETERS.items()}
-    for kind, task in ((ReachEnvironment, ReachTask()), (PushEnvironment, PushTask())):
+    for kind, task in ((reach_env, ReachTask()), (push_env, PushTask())):
         env = kind(task, 64, delay=True)
-        env.perturb(sample(ranges, 64, np.random.default_rng(3)), np.random.default_rng(4))
+        env.perturb(sample(ranges, 64, np.random.default_rng(3), JOINTS), np.random.default_rng(4))
         env.reset(np.arange(64), np.zeros(64, dtype=np.int64))
         failures = 0
         for action in np.random.default_rng(5).uniform(-1, 1, (20, 64, 7)):
@@ -99,12 +98,12 @@ def test_draws_within_the_bounds_of_every_parameter_at_once_end_in_failures_and_
             failures += int(step.terminated.sum())
             assert np.isfinite(step.observation).all() and np.isfinite(step.reward).all()
             assert np.isfinite(env.judged()).all() and np.isfinite(env.privileged()).all()
-            assert env.violations().shape == (64, 3 if kind is ReachEnvironment else 5)
+            assert env.violations().shape == (64, 3 if kind is reach_env else 5)
         assert failures > 0
 
 
 def test_a_state_that_is_nan_ends_its_own_episode_only() -> None:
-    env = PushEnvironment(PushTask(), 3)
+    env = push_env(PushTask(), 3)
     rows = env.save(np.arange(3))
     rows[1] = np.nan
     env.restore(np.arange(3), rows)

@@ -5,13 +5,11 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
+from worlds import SAWYER, point_env, push_env, reach_env
 
-from skillcli.robots.sawyer import VELOCITY_LIMIT
 from skillcli.simulation.environment import SAFETY_LIMITS
 from skillcli.simulation.safety import BOX_TOLERANCE, RANGE_TOLERANCE, Clearance
-from skillcli.tasks.point.environment import PointEnvironment
 from skillcli.tasks.point.settings import PointTask
-from skillcli.tasks.push.environment import PushEnvironment
 from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.reach.environment import ReachEnvironment
 from skillcli.tasks.reach.settings import ReachTask
@@ -62,11 +60,11 @@ def test_a_long_link_that_crosses_the_table_with_both_ends_beside_it_is_found() 
 
 
 def env(num: int = 2) -> ReachEnvironment:
-    return ReachEnvironment(ReachTask(), num)
+    return reach_env(ReachTask(), num)
 
 
 def test_an_arm_at_the_start_breaks_nothing() -> None:
-    for arms, limits in ((env(), SAFETY_LIMITS[:3]), (PushEnvironment(PushTask(), 2), SAFETY_LIMITS)):
+    for arms, limits in ((env(), SAFETY_LIMITS[:3]), (push_env(PushTask(), 2), SAFETY_LIMITS)):
         found = arms.violations()
         assert found.shape == (2, len(limits)) and found.dtype == bool and not found.any()
 
@@ -81,7 +79,7 @@ def test_a_joint_past_its_range_by_more_than_a_soft_stop_gives_way_breaks_the_ra
 @pytest.mark.parametrize("joint", range(7))
 def test_a_joint_faster_than_its_data_sheet_breaks_the_speed(joint: int) -> None:
     arms = env(3)
-    arms.arms._qvel[:, joint] = VELOCITY_LIMIT[joint] * np.array([0.99, 1.01, -1.01])
+    arms.arms._qvel[:, joint] = SAWYER.speed_limit[joint] * np.array([0.99, 1.01, -1.01])
     assert arms.violations()[:, SPEED].tolist() == [False, True, True]
 
 
@@ -114,7 +112,7 @@ ON_CORNER = (0.8804762, 0.2798481, 0.3647052, 0.1159169)  # 45 degrees about y, 
     [((1.0, 0, 0, 0), HALF), ((0.6, 0, 0, 0.8), HALF), (ON_EDGE, np.sqrt(2) * HALF), (ON_CORNER, np.sqrt(3) * HALF)],
 )
 def test_a_box_is_pressed_where_its_lowest_corner_is_too_deep(orientation: tuple[float, ...], rest: float) -> None:
-    push = PushEnvironment(PushTask(), 4)
+    push = push_env(PushTask(), 4)
     deep = np.array([-0.01, 0.9 * BOX_TOLERANCE, 1.1 * BOX_TOLERANCE, 1.1 * BOX_TOLERANCE])
     rows = push.arms.object_pose.copy()
     rows[:, 2], rows[:, 3:] = rest - deep, orientation
@@ -124,7 +122,7 @@ def test_a_box_is_pressed_where_its_lowest_corner_is_too_deep(orientation: tuple
 
 
 def test_a_box_is_pressed_into_the_table_that_is_there() -> None:
-    push = PushEnvironment(PushTask(), 3)
+    push = push_env(PushTask(), 3)
     push.perturb({"table_tilt": np.array([[0.1, -0.05]] * 3), "table_height": np.full(3, 0.02)}, np.random.default_rng(0))
     push.reset(np.arange(3), np.zeros(3, dtype=np.int64))
     assert not push.violations().any()
@@ -136,7 +134,7 @@ def test_a_box_is_pressed_into_the_table_that_is_there() -> None:
 
 @pytest.mark.parametrize("axis", [(1, 0), (0, 1), (0.6, -0.8)])
 def test_a_box_that_tips_past_its_edge_has_fallen_over_and_one_that_only_turns_has_not(axis: tuple[float, float]) -> None:
-    push = PushEnvironment(PushTask(), 5)
+    push = push_env(PushTask(), 5)
     half = np.radians([0, 44, 46, 90, 180]) / 2
     rows = push.arms.object_pose.copy()
     rows[:, 2] = 0.2
@@ -156,4 +154,4 @@ def test_looking_at_the_limits_changes_nothing() -> None:
 
 
 def test_a_point_has_no_limits() -> None:
-    assert PointEnvironment(PointTask(), 3).violations().shape == (3, 0)
+    assert point_env(PointTask(), 3).violations().shape == (3, 0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from worlds import JOINTS, reach_env
 
 from skillcli.simulation.sensors import Sensors
 from skillcli.tasks.reach.environment import ReachEnvironment
@@ -14,7 +15,7 @@ PERIOD = 0.05
 
 
 def sensors(num: int, **parameters: Array) -> Sensors:
-    made = Sensors(parameters, num, PERIOD, np.random.default_rng(0))
+    made = Sensors(parameters, num, PERIOD, np.random.default_rng(0), JOINTS)
     made.begin(np.arange(num), np.zeros((num, 10)))
     return made
 
@@ -66,7 +67,7 @@ def test_a_drift_does_not_change_between_two_looks_at_the_same_moment() -> None:
 
 
 def environment(num: int, **parameters: Array) -> ReachEnvironment:
-    env = ReachEnvironment(ReachTask(), num)
+    env = reach_env(ReachTask(), num)
     env.perturb(parameters, np.random.default_rng(0))
     env.reset(np.arange(num), np.zeros(num, dtype=np.int64))
     return env

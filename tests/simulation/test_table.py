@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from worlds import push_env
 
-from skillcli.robots.sawyer import TABLE_CENTRE
+from skillcli.robots.scene import TABLE_CENTRE
 from skillcli.simulation import table
 from skillcli.tasks.push.environment import PushEnvironment
 from skillcli.tasks.push.settings import PushTask
@@ -31,7 +32,7 @@ def test_an_orientation_is_turned_in_the_base_frame() -> None:
 
 
 def environment(num: int, **parameters: list[float] | list[list[float]]) -> PushEnvironment:
-    env = PushEnvironment(PushTask(), num)
+    env = push_env(PushTask(), num)
     env.perturb({name: np.array(values) for name, values in parameters.items()}, np.random.default_rng(0))
     env.reset(np.arange(num), np.zeros(num, dtype=np.int64))
     return env
@@ -53,10 +54,10 @@ def test_a_box_rests_on_a_tilted_table_until_friction_no_longer_holds_it() -> No
 def test_a_box_of_another_size_is_the_one_that_would_have_been_modelled(factor: float) -> None:
     env = environment(2, object_size=[1.0, factor])
     edges = [0.06 * factor] * 3
-    other = PushEnvironment(PushTask(box_size=(edges[0], edges[1], edges[2])), 1)
+    other = push_env(PushTask(box_size=(edges[0], edges[1], edges[2])), 1)
     ours, theirs = env.arms.batch.get_model(1), other.arms.model
     for field in ("geom_size", "geom_rbound", "geom_aabb", "body_inertia", "body_mass", "bvh_aabb", "dof_invweight0"):
         np.testing.assert_allclose(getattr(ours, field), getattr(theirs, field), rtol=1e-9, atol=1e-12, err_msg=field)
     np.testing.assert_allclose(env.arms.object_pose[1], other.arms.object_pose[0])
     np.testing.assert_allclose(env.privileged()[1, :7], other.privileged()[0, :7], atol=1e-6)
-    np.testing.assert_array_equal(env.arms.object_pose[0], PushEnvironment(PushTask(), 1).arms.object_pose[0])
+    np.testing.assert_array_equal(env.arms.object_pose[0], push_env(PushTask(), 1).arms.object_pose[0])

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from worlds import JOINTS
 
 from skillcli import metrics
 from skillcli.composition.plan import Segment
@@ -23,7 +24,7 @@ from skillcli.stages.compose import Request, compose, execute
 from skillcli.stages.pretrain import evaluate
 from skillcli.stages.transfer_eval import transfer_eval
 from skillcli.store import STAGES, Artifact, ArtifactId, Store
-from skillcli.tasks.registry import skill_goals
+from skillcli.tasks.world import skill_goals
 from skillcli.trajectories import Trajectories
 
 
@@ -186,8 +187,8 @@ def test_the_nominal_domain_repeats_the_source_and_others_do_not(chain: Path) ->
 def test_bare_skills_can_be_transferred_too(chain: Path) -> None:
     artifact = read(chain, "embed-means")
     library = open_library(Store(chain), artifact)
-    target = Target.drawn(find_domain("real-like"), 10, seed=1)
-    path, drawn = Trial(library, 1).run(Script.of(artifact, library).in_turn(10), target), target.parameters
+    target = Target.drawn(find_domain("real-like"), 10, 1, JOINTS)
+    path, drawn = Trial(library, 1, library.world).run(Script.of(artifact, library).in_turn(10), target), target.parameters
     assert path.skill[:, 0].tolist() == [0, 1, 2, 3, 4, 5, 6, 7, 0, 1]
     np.testing.assert_array_equal(path.target, library.goals[path.skill[:, 0]])
     assert set(drawn["latency"].tolist()) == {0.0, 0.05}
@@ -226,9 +227,9 @@ def test_more_episodes_than_simulations_side_by_side_give_the_same_as_all_at_onc
     source = read(chain, "embed-means")
     library = open_library(Store(chain), source)
     script = Script.of(source, library).in_turn(10)
-    whole = Trial(library, 0).run(script, NOMINAL)
+    whole = Trial(library, 0, library.world).run(script, NOMINAL)
     monkeypatch.setattr("skillcli.evaluation.trial.MAX_SIMULATIONS", 3)
-    parts = Trial(library, 0).run(script, NOMINAL)
+    parts = Trial(library, 0, library.world).run(script, NOMINAL)
     assert parts.gripper_position == pytest.approx(whole.gripper_position, abs=1e-4)
     assert parts.episodes == 10
 

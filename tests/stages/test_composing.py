@@ -9,14 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import files
+from worlds import SAWYER
 
 from skillcli.errors import UsageError
 from skillcli.evaluation.request import Request
 from skillcli.progress import Progress
 from skillcli.recipe import Recipe, load_recipe, resolve
+from skillcli.robots.robot import Robot
 from skillcli.stages.compose import compose, inputs_of
 from skillcli.store import ArtifactId, Store
-from skillcli.tasks.registry import skill_goals
+from skillcli.tasks.world import skill_goals
 
 REACH, PUSH = load_recipe("reach"), load_recipe("push")
 DDPG = [
@@ -27,6 +29,10 @@ DDPG = [
     "ddpg.warm_up=1",
     "ddpg.good_enough=0",
 ]
+
+
+def slow_arm(limit: float) -> Robot:
+    return replace(SAWYER, speed_limit=np.full(7, limit))
 
 
 @pytest.fixture
@@ -137,7 +143,7 @@ def test_a_plan_that_breaks_a_limit_is_no_success_and_says_where(copy: Store, mo
     assert kept.results["success"] and (kept.results["violations"], kept.results["broken"]) == ({}, [])
 
     speed = np.abs(np.diff(kept.arrays["trajectories/joint_position"][0], axis=0)) / 0.05
-    monkeypatch.setattr("skillcli.robots.sawyer.VELOCITY_LIMIT", np.full(7, 0.5 * speed.max()))
+    monkeypatch.setattr("skillcli.tasks.world.load_robot", lambda _: slow_arm(0.5 * speed.max()))
     broken = compose(copy, source.id, recipe, request, "sequence", "test")
     (found,) = broken.results["broken"]
     path = broken.arrays["trajectories/violations"][0]
@@ -156,7 +162,9 @@ def test_a_search_keeps_the_limits_where_there_is_a_way_to(copy: Store, monkeypa
     request = Request.of(recipe, "", [(0.6, 0.1, 0.25)])
     fast = compose(copy, source.id, recipe, request, "search", "test")
     speed = np.abs(np.diff(fast.arrays["trajectories/joint_position"][0], axis=0)) / 0.05
-    monkeypatch.setattr("skillcli.robots.sawyer.VELOCITY_LIMIT", np.full(7, 0.95 * speed.max()))
+    monkeypatch.setattr(
+        "skillcli.tasks.world.load_robot", lambda _: replace(SAWYER, speed_limit=np.full(7, 0.95 * speed.max()))
+    )
     slow = compose(copy, source.id, recipe, request, "search", "test")
     assert slow.results["violations"] == {} and slow.arrays["trajectories/violations"].sum() == 0
     assert slow.results["final_distance_m"] >= fast.results["final_distance_m"]

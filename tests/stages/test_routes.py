@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import PLACES, made, skill
+from worlds import JOINTS, named_routes
 
 from skillcli import metrics
 from skillcli.composition.plan import Segment
@@ -23,7 +24,6 @@ from skillcli.stages.pretrain import evaluate
 from skillcli.stages.visualise import draw, record
 from skillcli.store import STAGES, Artifact, ArtifactId, Store
 from skillcli.tasks.push.settings import PushTask
-from skillcli.tasks.registry import named_routes
 from skillcli.trajectories import Array, Trajectories
 from skillcli.viz import motion
 from skillcli.viz.loading import scene_of
@@ -218,8 +218,8 @@ def test_the_nominal_robot_does_with_every_route_what_the_source_did(push_chain:
 def test_bare_pushes_are_judged_from_random_starts_too(push_chain: Path) -> None:
     artifact = read(push_chain, "embed-means")
     library = open_library(Store(push_chain), artifact)
-    target = Target.drawn(find_domain("random-starts"), 8, seed=1)
-    path, drawn = Trial(library, 1).run(Script.of(artifact, library).in_turn(8), target), target.parameters
+    target = Target.drawn(find_domain("random-starts"), 8, 1, JOINTS)
+    path, drawn = Trial(library, 1, library.world).run(Script.of(artifact, library).in_turn(8), target), target.parameters
     np.testing.assert_allclose(path.judged[:, 0, :2] - drawn["object_offset"], [[0.6, 0]] * 8, atol=1e-6)
     np.testing.assert_array_equal(path.target, library.goals[[0, 1, 2, 3, 0, 1, 2, 3]], "the goals stay")
     task = library.recipe.task

@@ -8,6 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from worlds import SAWYER, push_env
 
 from skillcli.errors import UsageError
 from skillcli.recipe import load_recipe
@@ -49,7 +50,7 @@ def moved(env: PushEnvironment, actions: Array) -> Array:
 
 def sliding(speeds: list[float], task: PushTask = TASK, direction: tuple[float, float] = (0.0, 1.0)) -> PushEnvironment:
     """Boxes at rest on the table, but for these speeds, m/s."""
-    env = PushEnvironment(task, len(speeds))
+    env = push_env(task, len(speeds))
     env.arms.object_velocity[:, :2] = np.outer(speeds, direction)
     return env
 
@@ -64,7 +65,7 @@ def depth(env: PushEnvironment, slot: int = 0) -> float:
 
 
 def test_the_finger_starts_clear_above_the_box() -> None:
-    env = PushEnvironment(TASK, 1)
+    env = push_env(TASK, 1)
     np.testing.assert_allclose(env.arms.gripper_position[0, 1:], [0, 0.14], atol=2e-3)
     assert np.linalg.norm(env.arms.gripper_position[0, :2] - TASK.box_start) < 0.06
     np.testing.assert_allclose(env.arms.object_pose[0], [0.6, 0, 0.03, 1, 0, 0, 0], atol=1e-12)
@@ -72,7 +73,7 @@ def test_the_finger_starts_clear_above_the_box() -> None:
 
 @pytest.mark.parametrize("task", [TASK, PAPER], ids=["ours", "the paper's"])
 def test_a_box_at_rest_stays_at_rest_while_the_arm_stays_away(task: PushTask) -> None:
-    env = PushEnvironment(task, 2)
+    env = push_env(task, 2)
     start = env.arms.object_pose.copy()
     assert start[0, 2] == pytest.approx(task.box_size[2] / 2) and depth(env) < 1e-6
     still(env, 10)
@@ -90,7 +91,7 @@ SIZES = [((0.06, 0.06, 0.06), 0.03), ((0.11, 0.11, 0.13), 0.2), ((0.3, 0.05, 0.1
 
 @pytest.mark.parametrize(("size", "share"), SIZES)
 def test_a_box_never_starts_inside_the_arm_and_so_stays_where_it_is(size: tuple[float, float, float], share: float) -> None:
-    env, rng = PushEnvironment(PushTask(box_size=size), 128), np.random.default_rng(1)
+    env, rng = push_env(PushTask(box_size=size), 128), np.random.default_rng(1)
     offset = rng.uniform(-0.12, 0.12, (128, 2))
     env.perturb({"object_offset": offset, "start_offset": rng.uniform(-0.15, 0.15, (128, 7))}, rng)
     env.reset(everyone(env), np.zeros(128, dtype=np.int64))
@@ -103,9 +104,9 @@ def test_a_box_never_starts_inside_the_arm_and_so_stays_where_it_is(size: tuple[
 
 def test_a_recipe_whose_arm_starts_inside_the_box_is_refused() -> None:
     with pytest.raises(UsageError, match=r"inside the box of \(0.11, 0.11, 0.2\)") as caught:
-        PushEnvironment(PushTask(box_size=(0.11, 0.11, 0.2)), 1)
+        push_env(PushTask(box_size=(0.11, 0.11, 0.2)), 1)
     assert "task.start" in str(caught.value.hint)
-    PushEnvironment(PushTask(box_size=(0.11, 0.11, 0.13)), 1)  # the paper's box fits below the start as shipped
+    push_env(PushTask(box_size=(0.11, 0.11, 0.13)), 1)  # the paper's box fits below the start as shipped
 
 
 @pytest.mark.parametrize("direction", [(1.0, 0.0), (0.0, 1.0), (0.7071, -0.7071)])
@@ -129,7 +130,7 @@ def test_the_recipes_friction_acts(friction: float) -> None:
 
 
 def test_friction_of_the_robot_at_hand_acts_in_its_own_simulation() -> None:
-    env = PushEnvironment(TASK, 3)
+    env = push_env(TASK, 3)
     env.perturb({"contact_friction": np.array([0.5, 1.0, 1.4])}, np.random.default_rng(0))
     env.reset(everyone(env), np.zeros(3, dtype=np.int64))
     env.arms.object_velocity[:, 1] = 0.4
@@ -138,7 +139,7 @@ def test_friction_of_the_robot_at_hand_acts_in_its_own_simulation() -> None:
 
 
 def test_the_box_is_pushed_by_the_finger_and_stopped_by_friction() -> None:
-    env = PushEnvironment(PushTask(start=BESIDE), 1)
+    env = push_env(PushTask(start=BESIDE), 1)
     turn = np.array([0.5, 0, 0, 0, 0, 0, 0])  # 1.2 cm of the finger per control step, to the left
     untouched = moved(env, np.tile(turn, (3, 1)))
     np.testing.assert_allclose(untouched[:, 0, :2], np.tile(TASK.box_start, (3, 1)), atol=1e-3, err_msg="not there yet")
@@ -154,7 +155,7 @@ def test_the_box_is_pushed_by_the_finger_and_stopped_by_friction() -> None:
 
 @pytest.mark.parametrize("task", [PushTask(start=ABOVE), PushTask(start=ABOVE, box_mass=3.0)], ids=["light", "heavy"])
 def test_the_finger_does_not_sink_into_the_box_when_it_presses_with_all_its_strength(task: PushTask) -> None:
-    env = PushEnvironment(task, 1)
+    env = push_env(task, 1)
     command = env.arms.batch.bind("ctrl")
     deepest, led = 0.0, 0.0
     for _ in range(40):
@@ -183,7 +184,7 @@ def test_a_lost_box_ends_the_episode_and_lies_at_the_start_again(
     what: str, index: Any, number: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)  # MuJoCo writes its warnings into a file where it stands
-    env, calm = PushEnvironment(TASK, 3), PushEnvironment(TASK, 3)
+    env, calm = push_env(TASK, 3), push_env(TASK, 3)
     if index == "velocity":
         env.arms.object_velocity[1, 0] = number
     else:
@@ -222,7 +223,7 @@ BEHIND = [
 def test_the_point_behind_the_box_is_on_its_far_side_from_the_goal(
     box: tuple[float, float], target: tuple[float, float], behind: tuple[float, float]
 ) -> None:
-    env = PushEnvironment(TASK, 1)
+    env = push_env(TASK, 1)
     env.arms.object_pose[:, :2], env.target[:, :2] = box, target
     np.testing.assert_allclose(env.behind(), [[*behind, 0.03]], atol=1e-9)
 
@@ -241,7 +242,7 @@ EARNED = [
 
 @pytest.mark.parametrize(("distance", "finger", "reward"), EARNED)
 def test_what_the_distances_earn(distance: float, finger: float, reward: float) -> None:
-    env = PushEnvironment(TASK, 1)
+    env = push_env(TASK, 1)
     # the box so that the finger is 4.5 cm west of it, and `finger` below; the goal east of it
     env.arms.object_pose[:, :3] = env.arms.gripper_position + np.array([0.045, 0, finger])
     env.target[:, :2] = env.arms.object_pose[:, :2] + np.array([distance, 0])
@@ -251,7 +252,7 @@ def test_what_the_distances_earn(distance: float, finger: float, reward: float) 
 
 
 def test_to_lose_the_box_is_worse_than_never_to_touch_it_wherever_the_shipped_recipes_start_it() -> None:
-    env = PushEnvironment(TASK, 4)
+    env = push_env(TASK, 4)
     env.perturb({"object_offset": np.full((4, 2), 0.12) * [[1, 1], [-1, 1], [1, -1], [-1, -1]]}, np.random.default_rng(0))
     discount = load_recipe("push").training.discount
     for skill in range(4):
@@ -260,7 +261,7 @@ def test_to_lose_the_box_is_worse_than_never_to_touch_it_wherever_the_shipped_re
 
 
 def test_a_box_is_not_to_be_toppled_but_may_spin() -> None:
-    env, quarter = PushEnvironment(TASK, 5), np.sqrt(0.5)
+    env, quarter = push_env(TASK, 5), np.sqrt(0.5)
     # orientation, speed in the box's own frame, rad/s: at rest; tips; spins; on its side, where the own x is up: spins; tips
     env.arms.object_pose[:, 3:] = [(1, 0, 0, 0)] * 3 + [(quarter, 0, -quarter, 0)] * 2
     env.arms.object_velocity[:, 3:] = [(0, 0, 0), (3, 4, 9), (0, 0, 9), (9, 0, 0), (9, 0, 5)]
@@ -268,7 +269,7 @@ def test_a_box_is_not_to_be_toppled_but_may_spin() -> None:
 
 
 def test_a_box_is_to_be_pushed_and_not_struck() -> None:
-    env = PushEnvironment(TASK, 4)
+    env = push_env(TASK, 4)
     env.arms.object_velocity[:, :2] = [[0, 0], [0.2, 0], [0.3, 0.4], [0, -0.3]]
     np.testing.assert_allclose(env.reward() - env.reward()[0], [0, -5 * 0.04, -5 * 0.25, -5 * 0.09], atol=1e-12)
 
@@ -279,7 +280,7 @@ LEANING = [(0.06, 0.012, 0.0), (0.06, 0.004, 0.06), (0.06, -0.001, 0.11), (0.02,
 
 @pytest.mark.parametrize(("box", "finger", "cost"), LEANING)
 def test_a_finger_has_to_keep_off_its_own_table(box: float, finger: float, cost: float) -> None:
-    env = PushEnvironment(TASK.model_copy(update={"box_size": (0.06, 0.06, box)}), 2)
+    env = push_env(TASK.model_copy(update={"box_size": (0.06, 0.06, box)}), 2)
     env.arms.place(everyone(env), np.tile(LOW, (2, 1)), env.place_object(everyone(env)))
     height = float(env.arms.gripper_position[0, 2])
     env.perturb({"table_height": np.array([0.0, height - finger])}, np.random.default_rng(0))
@@ -292,14 +293,14 @@ def test_a_finger_has_to_keep_off_its_own_table(box: float, finger: float, cost:
 def test_pressing_down_costs_from_two_weights_of_the_box_to_ten(monkeypatch: pytest.MonkeyPatch) -> None:
     weight = 0.3 * GRAVITY
     forces = np.array([[0, 0, 0], [0, 0, -2.0], [0, 0, -6.0], [50, 0, 0], [0, 9, -10], [0, 0, -300], [0, 0, 20]]) * weight
-    env = PushEnvironment(TASK, len(forces))
+    env = push_env(TASK, len(forces))
     monkeypatch.setattr(Arms, "contact_force", forces)
     np.testing.assert_allclose(env.reward()[0] - env.reward(), [0, 0, 0.15, 0, 0.3, 0.3, 0], atol=1e-3)
 
 
 def test_the_force_on_what_the_arm_touches_is_that_of_its_contacts() -> None:
-    env = PushEnvironment(TASK, 2)
-    env.arms.place(everyone(env), np.array([BESIDE, TASK.start]), env.place_object(everyone(env)))
+    env = push_env(TASK, 2)
+    env.arms.place(everyone(env), np.array([BESIDE, SAWYER.start("push")]), env.place_object(everyone(env)))
     for t in range(60):  # the first arm leans on the table, and comes to rest
         env.step(np.array([[0, 0.5 * (t < 20), 0, 0, 0, 0, 0], np.zeros(7)]))
     data = mujoco.MjData(env.arms.model)
@@ -318,7 +319,7 @@ def test_the_force_on_what_the_arm_touches_is_that_of_its_contacts() -> None:
 
 
 def test_the_recipes_box_is_in_the_model() -> None:
-    env = PushEnvironment(PushTask(box_size=(0.1, 0.04, 0.06), box_mass=1.2, friction=0.5, box_start=(0.7, 0.1)), 1)
+    env = push_env(PushTask(box_size=(0.1, 0.04, 0.06), box_mass=1.2, friction=0.5, box_start=(0.7, 0.1)), 1)
     box, geom = env.arms.model.body("box"), env.arms.model.geom("box")
     assert geom.size.tolist() == pytest.approx([0.05, 0.02, 0.03]) and float(box.mass[0]) == pytest.approx(1.2)
     # of an evenly filled box, m / 12 (b^2 + c^2); in the order of MuJoCo, the largest first
@@ -328,14 +329,14 @@ def test_the_recipes_box_is_in_the_model() -> None:
 
 
 def test_goals_are_displacements_from_the_nominal_start() -> None:
-    env = PushEnvironment(PushTask(box_start=(0.55, 0.1), goals=((0.15, 0), (0, -0.1)), names=()), 2)
+    env = push_env(PushTask(box_start=(0.55, 0.1), goals=((0.15, 0), (0, -0.1)), names=()), 2)
     env.reset(everyone(env), np.array([1, 0]))
     np.testing.assert_allclose(env.goals, [[0.7, 0.1, 0], [0.55, 0, 0]])
     np.testing.assert_allclose(env.target, [[0.55, 0, 0], [0.7, 0.1, 0]])
 
 
 def test_the_box_is_judged_in_the_plane_and_seen_from_the_finger() -> None:
-    env = PushEnvironment(TASK, 1)
+    env = push_env(TASK, 1)
     env.arms.object_pose[0, :3] = [0.62, 0.05, 0.04]
     assert env.judged().tolist() == [[0.62, 0.05, 0]]
     gripper = env.arms.gripper_position[0].copy()
@@ -345,7 +346,7 @@ def test_the_box_is_judged_in_the_plane_and_seen_from_the_finger() -> None:
 
 
 def perturbed(num: int, **parameters: Any) -> PushEnvironment:
-    env = PushEnvironment(TASK, num, delay="latency" in parameters)
+    env = push_env(TASK, num, delay="latency" in parameters)
     env.perturb({name: np.array(values) for name, values in parameters.items()}, np.random.default_rng(0))
     env.reset(everyone(env), np.zeros(num, dtype=np.int64))
     return env
@@ -376,7 +377,7 @@ def test_the_arm_may_start_elsewhere_and_the_box_does_not_follow() -> None:
     offset = np.zeros((2, 7))
     offset[1, 0] = 0.1
     env = perturbed(2, start_offset=offset)
-    np.testing.assert_allclose(env.arms.joint_position - np.array(TASK.start), offset, atol=1e-12)
+    np.testing.assert_allclose(env.arms.joint_position - np.array(SAWYER.start("push")), offset, atol=1e-12)
     assert env.arms.gripper_position[1, 1] == pytest.approx(0.6 * 0.1, rel=0.1)
     np.testing.assert_allclose(env.judged(), [[0.6, 0, 0]] * 2)
 
@@ -401,21 +402,21 @@ def test_the_value_function_may_know_goal_box_approach_and_robot() -> None:
     np.testing.assert_allclose(speed, [[0.0, 0], [0.2, -0.1]], atol=1e-6)
     np.testing.assert_allclose(approach, env.arms.gripper_position - [0.605, 0, 0.03], atol=1e-6)
     np.testing.assert_allclose(robot, [[1.0, 1, 1, 0], [0.8, 1.3, 1.1, 2]], atol=1e-6)
-    assert (PushEnvironment(TASK, 1).privileged()[0, 7:] == [1, 1, 1, 0]).all(), "the nominal robot"
+    assert (push_env(TASK, 1).privileged()[0, 7:] == [1, 1, 1, 0]).all(), "the nominal robot"
 
 
 def test_the_policy_sees_neither_speed_nor_goal_nor_robot() -> None:
-    env, other = PushEnvironment(TASK, 1), perturbed(1, contact_friction=[0.5], object_mass=[2.0])
+    env, other = push_env(TASK, 1), perturbed(1, contact_friction=[0.5], object_mass=[2.0])
     other.target[:, 1] = 0.3
     other.arms.object_velocity[:] = 0.1
     np.testing.assert_array_equal(env.observe(), other.observe())
 
 
 def test_where_the_box_is_follows_from_what_the_paper_observes_and_is_shown_where_the_task_says_so() -> None:
-    seeing = PushEnvironment(PushTask(observe_place=True, observe_command=True), 2)
+    seeing = push_env(PushTask(observe_place=True, observe_command=True), 2)
     seeing.perturb({"object_offset": np.array([[0.1, -0.05], [0, 0]])}, np.random.default_rng(0))
     seeing.reset(everyone(seeing), np.zeros(2, dtype=int))
-    assert (PushEnvironment(TASK, 1).observation_size, seeing.observation_size) == (10, 19)
+    assert (push_env(TASK, 1).observation_size, seeing.observation_size) == (10, 19)
     for _ in range(3):
         seen = seeing.step(np.full((2, 7), 0.3)).observation
     np.testing.assert_allclose(seen[:, 10:12], [[0.7, -0.05], [0.6, 0.0]], atol=1e-5)
@@ -424,7 +425,7 @@ def test_where_the_box_is_follows_from_what_the_paper_observes_and_is_shown_wher
 
 
 def test_the_place_of_the_box_is_shown_as_late_and_as_wrong_as_the_sensors_tell_it() -> None:
-    env = PushEnvironment(PushTask(observe_place=True), 1)
+    env = push_env(PushTask(observe_place=True), 1)
     env.perturb({"observation_latency": np.array([0.1])}, np.random.default_rng(0))
     env.reset(everyone(env), np.zeros(1, dtype=int))
     env.arms.object_velocity[:, 1] = 0.5
@@ -434,7 +435,7 @@ def test_the_place_of_the_box_is_shown_as_late_and_as_wrong_as_the_sensors_tell_
         places.append(env.arms.object_pose[0, :2].copy())
     np.testing.assert_allclose(seen[0, 10:12], places[-3], atol=1e-6)
     assert places[-1][1] - places[-3][1] > 1e-3
-    noisy = PushEnvironment(PushTask(observe_place=True), 64)
+    noisy = push_env(PushTask(observe_place=True), 64)
     noisy.perturb({"position_noise": np.full(64, 0.01)}, np.random.default_rng(0))
     noisy.reset(everyone(noisy), np.zeros(64, dtype=int))
     off = noisy.observe()[:, 10:12] - noisy.arms.object_pose[:, :2]
@@ -465,9 +466,9 @@ def test_a_moving_box_is_seen_where_it_was() -> None:
 
 @pytest.mark.parametrize(("degrees", "imagined"), [(5, 0), (30, 30), (90, 0)])
 def test_a_box_that_leans_is_imagined_leaning_and_one_that_lies_is_imagined_flat(degrees: float, imagined: float) -> None:
-    seen, half = PushEnvironment(TASK, 1), np.radians(degrees) / 2
+    seen, half = push_env(TASK, 1), np.radians(degrees) / 2
     seen.arms.object_pose[:, 3:] = [np.cos(half), np.sin(half), 0, 0]
-    planner = PushEnvironment(TASK, 2)
+    planner = push_env(TASK, 2)
     planner.imagine(np.array([1]), seen.look().state)
     assert np.degrees(np.arccos(planner._up()[1, 2])) == pytest.approx(imagined, abs=1e-3)
     assert planner._sunk()[1] == pytest.approx(0, abs=1e-9), "its lowest corner is on the table"
@@ -477,7 +478,7 @@ def test_a_box_on_a_tilted_table_is_imagined_flat_on_the_planners_own() -> None:
     seen = perturbed(1, table_tilt=[(0.15, -0.1)])
     about_z = np.array([[np.cos(0.2), 0, 0, np.sin(0.2)]])
     seen.arms.object_pose[:, 3:] = turned(seen.arms.object_pose[:, 3:], about_z)
-    planner = PushEnvironment(TASK, 2)
+    planner = push_env(TASK, 2)
     planner.imagine(np.array([1]), seen.look().state)
     assert planner.arms.object_pose[1, 2] == pytest.approx(0.03) and depth(planner, 1) < 1e-9
     w, x, y, z = planner.arms.object_pose[1, 3:]

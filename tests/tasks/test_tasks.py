@@ -1,24 +1,16 @@
 import numpy as np
 import pytest
+from worlds import SAWYER, check_goal, check_start, model_fingerprint, named_routes, reach_env
 
 from skillcli.errors import UsageError
-from skillcli.robots import sawyer
+from skillcli.simulation.settings import TaskSettings as Task
 from skillcli.simulation.throughput import BareEngine
 from skillcli.tasks.point.settings import PointTask
 from skillcli.tasks.push.settings import PushTask
-from skillcli.tasks.reach.environment import ReachEnvironment
 from skillcli.tasks.reach.settings import ReachTask
-from skillcli.tasks.registry import (
-    COMPOSITIONS,
-    Task,
-    check_goal,
-    check_start,
-    goal_place,
-    half_edges,
-    model_fingerprint,
-    named_routes,
-    skill_goals,
-)
+from skillcli.tasks.registry import find_task, half_edges
+from skillcli.tasks.world import place_goal as goal_place
+from skillcli.tasks.world import skill_goals
 
 REACH, POINT, PUSH = ReachTask(), PointTask(), PushTask()
 
@@ -51,17 +43,17 @@ def test_other_goals_are_refused_with_a_hint(task: Task, goal: tuple[float, ...]
 
 
 def test_no_arm_posture_reaches_beyond_what_is_said_to_be_the_longest_reach() -> None:
-    env = ReachEnvironment(REACH, 256)
+    env = reach_env(REACH, 256)
     rng = np.random.default_rng(0)
     env.arms.place(np.arange(256), rng.uniform(env.arms.model.jnt_range[:7, 0], env.arms.model.jnt_range[:7, 1], (256, 7)))
-    reach = np.linalg.norm(env.judged() - sawyer.SHOULDER, axis=1)
-    assert reach.max() <= sawyer.LONGEST_REACH and reach.max() > 0.8 * sawyer.LONGEST_REACH
+    reach = np.linalg.norm(env.judged() - np.array(SAWYER.workspace.shoulder), axis=1)
+    assert reach.max() <= SAWYER.workspace.reach and reach.max() > 0.8 * SAWYER.workspace.reach
 
 
 @pytest.mark.parametrize("task", [REACH, POINT, PUSH])
 def test_every_named_composition_and_every_skill_can_be_reached(task: Task) -> None:
-    assert COMPOSITIONS[task.name]
-    for name in COMPOSITIONS[task.name]:
+    assert find_task(task.name).compositions
+    for name in find_task(task.name).compositions:
         for goal in np.concatenate(named_routes(task, name)):
             check_goal(task, goal)
     for goal in skill_goals(task):
@@ -135,7 +127,7 @@ def test_the_model_fingerprint_is_stable_and_follows_the_model() -> None:
 
 
 def test_measuring_the_bare_engine_leaves_the_simulations_as_they_were() -> None:
-    env = ReachEnvironment(REACH, 4)
+    env = reach_env(REACH, 4)
     env.step(np.random.default_rng(0).uniform(-1, 1, (4, 7)))
     before, seen = env.save(np.arange(4)), env.observe()
     bare = BareEngine(env)

@@ -64,7 +64,7 @@ def test_a_material_wins_over_the_colour_of_the_geom() -> None:
 
 
 def test_the_robot_itself_is_drawn_whole() -> None:
-    source = resources.files("skillcli.robots") / "models" / "sawyer.xml"
+    source = resources.files("skillcli.robots") / "sawyer" / "sawyer.xml"
     if not source.is_file():
         pytest.skip("the robot's model is not here")
     model = mujoco.MjModel.from_xml_path(str(source))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 
+from skillcli.robots.robot import Robot
 from skillcli.simulation.chance import Chance, Rng
-from skillcli.simulation.environment import Array, Sighting, Step
+from skillcli.simulation.environment import Array, ObservationTerm, Sighting, Step
 from skillcli.tasks.point.settings import PointTask
 
 
@@ -21,8 +23,11 @@ class PointEnvironment:
     observation_size = 2
     action_size = 2
     privileged_size = 0
+    privileged_terms: ClassVar[tuple[ObservationTerm, ...]] = ()
+    recorded: ClassVar[Mapping[str, int]] = {"position": 2}
 
-    def __init__(self, task: PointTask, num: int) -> None:
+    def __init__(self, task: PointTask, robot: Robot, goals: Array, num: int, threads: int = 0, delay: bool = False) -> None:
+        self.robot, self.joints = robot, robot.joint_count  # has no say
         self.num, self.horizon, self.tolerance = num, task.horizon, task.tolerance
         self.control_period = task.control_period
         self._nominal_limit = task.step_limit
@@ -30,11 +35,20 @@ class PointEnvironment:
         self._bound = task.bound
         self._noise: Array | None = None  # sensor noise of a transfer domain, (N, 1) m
         self._chance = Chance(np.random.default_rng(0))
-        self.goals = np.array([[*goal, 0.0] for goal in task.goals])
+        self.goals = goals
         self.target = np.zeros((num, 3))
         self._position = np.zeros((num, 2))
         self._elapsed = np.zeros(num, dtype=np.int64)
         self.applied, self.unstable = np.zeros((num, 2)), np.zeros(num, dtype=bool)
+
+    @classmethod
+    def observation_terms(cls, task: PointTask, joints: int) -> tuple[ObservationTerm, ...]:
+        """What the policy sees, in order."""
+        return (ObservationTerm("position", "m", 2),)
+
+    @classmethod
+    def scene(cls, task: PointTask, robot: Robot, delay: bool = False) -> None:
+        """There is nothing to be simulated by an engine."""
 
     def reset(self, ids: Array, skill: Array) -> None:
         """See `Environment`."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Literal
 
 from skillcli.config.base import value
-from skillcli.simulation.settings import MAX_SKILLS, SkillSet
+from skillcli.simulation.settings import MAX_SKILLS, TaskSettings
 
 
-class PointTask(SkillSet):
+class PointTask(TaskSettings):
     """A point in the plane that is moved by velocity; one skill per goal."""
 
     name: Literal["point"] = value("point", "which task", "")
@@ -21,3 +21,8 @@ class PointTask(SkillSet):
     step_limit: float = value(0.1, "largest move per axis and control step", "m", gt=0)
     control_period: float = value(0.05, "time between two commands; nominal, the point has no physics", "s", ge=1e-3, le=1)
     bound: float = value(5.0, "positions are clipped to this on either axis", "m", gt=0)
+
+    @property
+    def action_scale(self) -> float:
+        """Largest move per axis and control step, m."""
+        return self.step_limit

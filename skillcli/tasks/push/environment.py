@@ -5,33 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import cached_property
+from typing import ClassVar
 
 import mujoco
 import numpy as np
 
 from skillcli.errors import UsageError
-from skillcli.robots import sawyer
 from skillcli.robots.robot import Robot
+from skillcli.robots.scene import TABLE_TOP
 from skillcli.simulation import table
 from skillcli.simulation.arm_environment import ArmEnvironment
-from skillcli.simulation.arms import CONTACT_FORCE, OBJECT
+from skillcli.simulation.arms import OBJECT
 from skillcli.simulation.chance import Rng
-from skillcli.simulation.environment import Array
+from skillcli.simulation.environment import Array, ObservationTerm, RewardTerms
 from skillcli.simulation.safety import BOX_TOLERANCE, SOFT_TABLE_TOLERANCE, UPRIGHT, Cover
 from skillcli.simulation.settings import ArmTask
 from skillcli.tasks.push.geometry import CONTACT_GAP, climb, place_behind, share
+from skillcli.tasks.push.scene import push_spec
 from skillcli.tasks.push.settings import PushTask
-
-# Contact. The friction cone is elliptic, else friction would depend on the direction of a push; condim 4 adds the torsion
-# that keeps a box from spinning under a finger; impratio makes friction stiffer than the normal force, so that a pushed
-# box does not creep. Impedance rises from nothing over the first millimetres: where a box goes then hangs less on the instant
-# of a touch. Stiff enough to keep the overlap below 3 mm, no stiffer, since the outcome then hangs more on the time step;
-# docs/experiments.md has the study.
-IMPRATIO = 10.0
-TABLE_SOLREF, TABLE_SOLIMP = (0.01, 1.0), (0.0, 0.998, 0.003, 0.5, 1.0)
-FINGER_SOLREF, FINGER_SOLIMP = (0.01, 1.0), (0.0, 0.998, 0.002, 0.5, 1.0)
-TORSION, ROLLING = 0.005, 1e-4  # m, MuJoCo's own
-NET_FORCE = 3  # as contact sensors count their ways to reduce several contacts
 
 CLEARANCE = 0.01  # m: the finger is to keep this far off the table
 START_GAP = 0.002  # m: between arm and box at a start
@@ -44,66 +35,32 @@ THROWN = 2.0  # m/s: four times what the fastest push gives it
 LOST = -30.0
 
 
-def push_spec(task: PushTask, delay: bool = False, robot: Robot | None = None) -> mujoco.MjSpec:
-    """The scene of the task: the arm behind its table, and a box that can move freely."""
-    spec = robot.arm_spec(task, delay) if robot else sawyer.arm_spec(task.timestep, delay)
-    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.impratio = IMPRATIO
-    half = np.array(task.box_size) / 2
-    box = spec.worldbody.add_body(name=OBJECT, pos=[*task.box_start, sawyer.TABLE_TOP + half[2]])
-    box.add_freejoint(name=OBJECT)
-    box.add_geom(
-        name=OBJECT,
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        size=half,
-        mass=task.box_mass,
-        rgba=[0.85, 0.55, 0.2, 1],
-        condim=4,
-        priority=2,  # what it says holds against the table
-        friction=[task.friction, TORSION, ROLLING],
-        solref=TABLE_SOLREF,
-        solimp=TABLE_SOLIMP,
-    )
-    names = robot.names if robot else sawyer.NAMES
-    spec.add_sensor(
-        name=CONTACT_FORCE,
-        type=mujoco.mjtSensor.mjSENS_CONTACT,
-        objtype=mujoco.mjtObj.mjOBJ_XBODY,  # of a body and all that hangs on it: the arm
-        objname=spec.joint(names.joints[0]).parent.name,
-        intprm=[1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), NET_FORCE, 1],
-    )
-    for name in names.finger:
-        finger = spec.geom(name)
-        finger.priority, finger.condim = 3, 4  # and this against the box
-        finger.friction, finger.solref, finger.solimp = [task.friction, TORSION, ROLLING], FINGER_SOLREF, FINGER_SOLIMP
-    return spec
-
-
 class PushEnvironment(ArmEnvironment):
-    """N Sawyer arms with a box each.
+    """N arms with a box each.
 
     Observed beside the joints: the gripper's position relative to the box, m, as in the paper. Where the box is on the table
     follows from the two together, which a network takes long to learn: `task.observe_place` shows that as well. Where it
     started follows from nothing.
 
     A goal is a place on the table: the nominal start of the box and the skill's displacement. The judged point is the
-    centre of the box in the plane of the table (z = 0). See `reward` for the shaping and `failed` for lost boxes.
+    centre of the box in the plane of the table (z = 0). See `reward_terms` for the shaping and `failed` for lost boxes.
     """
 
-    # goal, box speed, finger to the point behind the box; friction, mass, stiffness and latency of this robot
-    privileged_size = 11
+    position_term = ObservationTerm("gripper_relative_to_object", "m", 3)
+    shown_terms: ClassVar[tuple[ObservationTerm, ...]] = (ObservationTerm("object_place", "m", 2),)
+    privileged_terms: ClassVar[tuple[ObservationTerm, ...]] = (
+        ObservationTerm("goal_relative_to_object", "m", 2),
+        ObservationTerm("object_velocity", "m/s", 2),
+        ObservationTerm("gripper_relative_to_place_behind", "m", 3),
+        ObservationTerm("robot_friction_mass_gain_latency", "", 4),
+    )
+    recorded: ClassVar[Mapping[str, int]] = {"gripper_position": 3, "object_pose": 7}
     failure_reward = LOST
     table_tolerance = SOFT_TABLE_TOLERANCE
 
-    def __init__(self, task: PushTask, num: int, threads: int = 0, delay: bool = False, robot: Robot | None = None) -> None:
+    def __init__(self, task: PushTask, robot: Robot, goals: Array, num: int, threads: int = 0, delay: bool = False) -> None:
         self._task = task
-        self._box_start = np.array(task.box_start)
-        self._table_height, self._box_offset = np.zeros(num), np.zeros((num, 2))
-        self._tilt: Array | None = None  # (N, 2) rad, of the table
-        self._half_edges = np.tile(np.array(task.box_size) / 2, (num, 1))
-        self._robot = np.tile(np.array([1.0, 1.0, 1.0, 0.0]), (num, 1))
-        goals = np.array([[*(self._box_start + goal), 0.0] for goal in task.goals])
-        super().__init__(task, push_spec(task, delay, robot), goals, num, threads, robot)
+        super().__init__(task, robot, goals, num, threads, delay)
         self._weight = task.box_mass * float(np.linalg.norm(self.arms.model.opt.gravity))
         if not np.allclose(self.arms.object_pose[0, :2], self._box_start):
             size, place = (", ".join(f"{x:g}" for x in numbers) for numbers in (task.box_size, task.box_start))
@@ -113,9 +70,24 @@ class PushEnvironment(ArmEnvironment):
             )
 
     @classmethod
-    def shows(cls, task: ArmTask) -> int:
+    def scene(cls, task: ArmTask, robot: Robot, delay: bool = False) -> mujoco.MjSpec:
         """See `ArmEnvironment`."""
-        return 2 if isinstance(task, PushTask) and task.observe_place else 0
+        assert isinstance(task, PushTask)
+        return push_spec(task, robot, delay)
+
+    def set_up(self, task: ArmTask) -> None:
+        """See `ArmEnvironment`."""
+        num = self.num
+        self._box_start = np.array(self._task.box_start)
+        self._table_height, self._box_offset = np.zeros(num), np.zeros((num, 2))
+        self._tilt: Array | None = None  # (N, 2) rad, of the table
+        self._half_edges = np.tile(np.array(self._task.box_size) / 2, (num, 1))
+        self._robot = np.tile(np.array([1.0, 1.0, 1.0, 0.0]), (num, 1))
+
+    @classmethod
+    def shows(cls, task: ArmTask) -> tuple[ObservationTerm, ...]:
+        """See `ArmEnvironment`."""
+        return cls.shown_terms if isinstance(task, PushTask) and task.observe_place else ()
 
     def place_object(self, ids: Array) -> Array:
         """See `ArmEnvironment`; at rest on the table."""
@@ -154,7 +126,7 @@ class PushEnvironment(ArmEnvironment):
     def _surface(self, xy: Array, ids: Array | slice) -> Array:
         """How high the tops of these robots' tables are at places (n, 2) m, (n,) m."""
         if self._tilt is None:
-            level: Array = sawyer.TABLE_TOP + self._table_height[ids]
+            level: Array = TABLE_TOP + self._table_height[ids]
             return level
         return table.surface(xy, self._table_height[ids], self._tilt[ids])
 
@@ -166,7 +138,9 @@ class PushEnvironment(ArmEnvironment):
         """See `ArmEnvironment`; where on the table the box seems to be, m."""
         if self._sensors is None:
             return self.arms.object_pose[:, :2]
-        return self._measured[:, 10:12] - self._measured[:, 7:9]
+        n = self.action_size
+        relative, gripper = self._measured[:, n : n + 2], self._measured[:, n + 3 : n + 5]
+        return gripper - relative
 
     def judged(self) -> Array:
         """See `Environment`."""
@@ -184,23 +158,23 @@ class PushEnvironment(ArmEnvironment):
         point[:, :2] = place_behind(point[:, :2], self.target[:, :2], self._half_edges[:, :2])
         return point
 
-    def reward(self) -> Array:
+    def reward_terms(self) -> RewardTerms:
         """The shaping, per control step; distances in m.
 
-        - minus 2 times the distance of box and goal: what is asked for
-        - minus 0.5 times the finger's way to the point behind the box: leads the finger round the box, since a push from the
-          wrong side makes the first term worse. Straight there, and up to the top of the box first as long as that is in the
-          way (`pushing.climb`). Fades within 3 cm of the goal, where that point jumps.
-        - plus 0.3 times how far inside 5 cm the box is, from 0 at the rim to 1 at the goal: the last centimetres cost a
+        - goal: minus 2 times the distance of box and goal: what is asked for
+        - approach: minus 0.5 times the finger's way to the point behind the box: leads the finger round the box, since a push
+          from the wrong side makes the first term worse. Straight there, and up to the top of the box first as long as that is
+          in the way (`geometry.climb`). Fades within 3 cm of the goal, where that point jumps.
+        - near: plus 0.3 times how far inside 5 cm the box is, from 0 at the rim to 1 at the goal: the last centimetres cost a
           detour round the box, and are worth it
-        - minus 5 times the square of the box's speed, in m/s: it is to be pushed, not struck. Where a struck box stops hangs on
-          the instant and the place of one touch, and differs from robot to robot.
-        - minus 10 times how far the finger is lower than 1 cm above the table; of a box lower than 4 cm a quarter of its height
-          counts instead. Without it fingers lean on the table with up to 200 N.
-        - minus 0.01 times the square of the speed at which the box tips, in rad/s: a push high up a face topples it, and where
-          it then comes to lie is chance.
-        - minus up to 0.3 for pressing down on table or box, from a force of 2 weights of the box to one of 10: a box that is
-          pressed from above sinks into the table. Forces to the sides are free: they are what pushes.
+        - struck: costs 5 times the square of the box's speed, in m/s: it is to be pushed, not struck. Where a struck box stops
+          hangs on the instant and the place of one touch, and differs from robot to robot.
+        - tipping: costs 0.01 times the square of the speed at which the box tips, in rad/s: a push high up a face topples it,
+          and where it then comes to lie is chance.
+        - low: costs 10 times how far the finger is lower than 1 cm above the table; of a box lower than 4 cm a quarter of its
+          height counts instead. Without it fingers lean on the table with up to 200 N.
+        - pressed: costs up to 0.3 for pressing down on table or box, from a force of 2 weights of the box to one of 10: a box
+          that is pressed from above sinks into the table. Forces to the sides are free: they are what pushes.
 
         The step that loses the box earns `LOST` instead.
         """
@@ -213,9 +187,15 @@ class PushEnvironment(ArmEnvironment):
         low = np.maximum(0.0, np.minimum(CLEARANCE, self._half_edges[:, 2] / 2) - height)
         weights = -self.arms.contact_force[:, 2] / self._weight
         pressed = np.clip((weights - FIRM) / (CRUSHING - FIRM), 0.0, 1.0)
-        costs = 5.0 * struck + 0.01 * self._tipping() ** 2 + 10.0 * low + 0.3 * pressed
-        shaped: Array = -2.0 * distance - 0.5 * finger * share(distance) + 0.3 * inside - costs
-        return shaped
+        return RewardTerms(
+            earned={"goal": -2.0 * distance, "approach": -0.5 * finger * share(distance), "near": 0.3 * inside},
+            costs={
+                "struck": 5.0 * struck,
+                "tipping": 0.01 * self._tipping() ** 2,
+                "low": 10.0 * low,
+                "pressed": 0.3 * pressed,
+            },
+        )
 
     def _climb(self) -> Array:
         """How much higher the fingers have to be to pass over the box that is in their way, (N,) m."""
@@ -276,21 +256,21 @@ class PushEnvironment(ArmEnvironment):
         tilt, size = parameters.get("table_tilt"), parameters.get("object_size", one)
         self._tilt = tilt if tilt is not None and tilt.any() else None
         self._half_edges = size[:, None] * np.array(self._task.box_size) / 2
-        gain = parameters.get("gain", np.ones((self.num, 7))).mean(axis=1)
+        gain = parameters.get("gain", np.ones((self.num, 1))).mean(axis=1)
         friction, mass = parameters.get("contact_friction", one), parameters.get("object_mass", one)
         self._robot = np.stack([friction, mass, gain, parameters.get("latency", zero) / self.control_period], axis=1)
 
     def _true(self) -> Array:
-        """See `ArmEnvironment`; and the gripper's own position and how the box has turned, (N, 17)."""
+        """See `ArmEnvironment`; and the gripper's own position and how the box has turned, (N, J+10)."""
         seen, pose = super()._true(), self.arms.object_pose
-        return np.concatenate([seen, seen[:, 7:] + pose[:, :3], pose[:, 3:]], axis=1)
+        return np.concatenate([seen, seen[:, self.action_size :] + pose[:, :3], pose[:, 3:]], axis=1)
 
     def object_seen(self) -> Array:
         """See `ArmEnvironment`: its place from the last observation, its angle as uncertain as the place of an edge."""
         pose = self.arms.object_pose.copy()
         if self._sensors is None:
             return pose
-        relative, gripper, turned = np.split(self._measured[:, 7:], [3, 6], axis=1)
+        relative, gripper, turned = np.split(self._measured[:, self.action_size :], [3, 6], axis=1)
         pose[:, :3] = gripper - relative
         error = self._sensors.angle_error(self._half_edges[:, :2].mean(axis=1) + CONTACT_GAP)
         turned = turned / np.linalg.norm(turned, axis=1, keepdims=True)  # between two control steps it is a little short

@@ -7,12 +7,12 @@ from typing import Any, Literal
 
 from pydantic import model_validator
 
-from skillcli.config.base import Joints, Vector3, value
+from skillcli.config.base import Vector3, value
 from skillcli.simulation.settings import MAX_SKILLS, ArmTask
 
 
 class PushTask(ArmTask):
-    """The Sawyer's finger pushes a box over the table; one skill per displacement."""
+    """The arm's finger pushes a box over the table; one skill per displacement."""
 
     name: Literal["push"] = value("push", "which task", "")
     goals: tuple[tuple[float, float], ...] = value(
@@ -27,10 +27,6 @@ class PushTask(ArmTask):
     timestep: float = value(
         0.0025, "time step of the physics, which contact needs finer than free motion", "s", ge=1e-4, le=0.02
     )
-    start: Joints = value(
-        (-0.297, -1.0105, 0.0752, 1.6086, -0.0483, 0.9745, 3.016),
-        "joint vector at reset: gripper 14 cm above the table at (.65, 0)", "rad",
-    )  # fmt: skip
     box_start: tuple[float, float] = value((0.6, 0.0), "nominal start of the box on the table", "m")
     box_size: Vector3 = value((0.06, 0.06, 0.06), "full edges of the box", "m")
     box_mass: float = value(0.3, "of the box, evenly filled", "kg", gt=0, le=5)

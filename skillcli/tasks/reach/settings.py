@@ -9,7 +9,7 @@ from skillcli.simulation.settings import MAX_SKILLS, ArmTask
 
 
 class ReachTask(ArmTask):
-    """The Sawyer's gripper goes to a point in space; one skill per goal."""
+    """The arm's gripper goes to a point in space; one skill per goal."""
 
     name: Literal["reach"] = value("reach", "which task", "")
     goals: tuple[Vector3, ...] = value(

@@ -1,0 +1,127 @@
+"""How an arm stands at given joint angles: whether it holds itself there, what overlaps, and how far its finger gets."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+
+from skillcli.robots.config import Workspace
+from skillcli.robots.scene import GRIPPER, LIMIT_MARGIN, Names
+from skillcli.robots.servos import Servo
+from skillcli.trajectories import Array
+
+OVERLAP = 0.002  # m
+HELD_SECONDS = 3.0  # after which an arm has come to rest
+SAGS = 0.5, 0.005  # degrees and m from where it is told to be that are worth a note
+FARTHEST = 100.0  # rad: whole turns of a joint, beyond which the servos have torn it apart
+
+
+def gripper_and_axes(model: mujoco.MjModel, names: Names, angles: tuple[float, ...]) -> tuple[Array, Array]:
+    """Where the gripper is, (3,) m, and about what the joints turn, (n, 3), with the arm at joint angles (n,) rad."""
+    data = posed(model, names, angles)
+    axes = np.stack([data.xaxis[model.joint(name).id] for name in names.joints])
+    return data.site(GRIPPER).xpos.copy(), axes
+
+
+def posed(model: mujoco.MjModel, names: Names, angles: tuple[float, ...]) -> mujoco.MjData:
+    """The arm at joint angles (n,) rad, at rest."""
+    data = mujoco.MjData(model)
+    for name, angle in zip(names.joints, angles, strict=True):
+        data.joint(name).qpos[0] = angle
+    mujoco.mj_fwdPosition(model, data)
+    return data
+
+
+def workspace(model: mujoco.MjModel, names: Names) -> Workspace:
+    """Where the finger can be at all: within the sum of the distances between joints, from the height of the second one."""
+    data = posed(model, names, (0.0,) * len(names.joints))
+    anchors = [data.xanchor[model.joint(name).id] for name in names.joints]
+    first, axis = anchors[0], data.xaxis[model.joint(names.joints[0]).id]
+    shoulder = first + ((anchors[1] - first) @ axis) * axis
+    places = [shoulder, *anchors[1:], data.site(GRIPPER).xpos]
+    reach = sum(float(np.linalg.norm(b - a)) for a, b in pairwise(places))
+    x, y, z = (float(part) for part in shoulder)
+    return Workspace(shoulder=(x, y, z), reach=reach)
+
+
+def shakes(model: mujoco.MjModel, names: Names, servos: list[Servo], angles: tuple[float, ...]) -> bool:
+    """Whether the servos' damping, taken explicitly, overshoots in a time step h: the largest rate of M^-1 K_v above 1/h."""
+    if model.opt.integrator not in (mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_RK4):
+        return False
+    inertia = _inertia(model, names, angles)
+    rates = np.linalg.eigvals(np.linalg.solve(inertia, np.diag([servo.kv for servo in servos])))
+    return bool(model.opt.timestep * np.abs(rates).max() > 1)
+
+
+def _inertia(model: mujoco.MjModel, names: Names, angles: tuple[float, ...]) -> Array:
+    """Inertia matrix of the arm's joints, (n, n) kg·m²."""
+    data = posed(model, names, angles)
+    whole = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, whole)
+    dofs = [model.joint(name).dofadr[0] for name in names.joints]
+    inertia: Array = whole[np.ix_(dofs, dofs)]
+    return inertia
+
+
+def steady(
+    scene: mujoco.MjSpec,
+    model: mujoco.MjModel,
+    names: Names,
+    servos: list[Servo],
+    shown: tuple[str, ...],
+    angles: tuple[float, ...],
+) -> list[str]:
+    """Give joints that are too light for their servos the inertia of a motor, and note it.
+
+    At its largest torque a servo is switched rather than damped, whatever the integrator: a step h then changes the speed
+    by F h / I, which damping answers with up to F only. With an inertia I of k_v h it comes to rest, below it shakes. What a
+    servo feels is taken at joint angles (n,) rad, the other joints free.
+    """
+    felt = 1 / np.diag(np.linalg.inv(_inertia(model, names, angles)))
+    missing = np.zeros(len(servos))
+    for index, (servo, inertia) in enumerate(zip(servos, felt, strict=True)):
+        if np.isfinite(servo.force).any():
+            missing[index] = max(0.0, servo.kv * model.opt.timestep - inertia)
+            scene.joint(names.joints[index]).armature += missing[index]
+    light = ", ".join(name for name, more in zip(shown, missing, strict=True) if more > 0)
+    if not light:
+        return []
+    return [
+        f"up to {missing.max():.2g} kg·m² of motor inertia were added to {light}: at their largest torque these servos would "
+        "shake at this time step"
+    ]
+
+
+def collisions(model: mujoco.MjModel, names: Names, angles: tuple[float, ...], prefix: str) -> list[str]:
+    """A note where parts overlap at joint angles (n,) rad: joints may be stuck there."""
+    data = posed(model, names, angles)
+    deep = [contact.geom for contact in data.contact if contact.dist < -OVERLAP]
+    pairs = {tuple(model.body(model.geom_bodyid[geom]).name.removeprefix(prefix) for geom in pair) for pair in deep}
+    shown = ", ".join(sorted(" and ".join(pair) for pair in pairs))
+    return [f"at the task's start these overlap, an <exclude> may be missing: {shown}"] if pairs else []
+
+
+def at_rest(model: mujoco.MjModel, names: Names, shown: tuple[str, ...], angles: tuple[float, ...]) -> list[str]:
+    """A note where the arm, told to stay at joint angles (n,) rad, hangs below them or is torn apart by its own servos."""
+    joints = [model.joint(name) for name in names.joints]
+    addresses = [joint.qposadr[0] for joint in joints]
+    low, high = np.array([joint.range if model.jnt_limited[joint.id] else (-np.inf, np.inf) for joint in joints]).T
+    told = np.clip(angles, low + LIMIT_MARGIN, high - LIMIT_MARGIN)
+    data = posed(model, names, tuple(told))
+    here = data.site(GRIPPER).xpos.copy()
+    for name, angle in zip(names.servos, told, strict=True):
+        data.ctrl[model.actuator_ctrladr[model.actuator(name).id]] = angle
+    for _ in range(round(HELD_SECONDS / model.opt.timestep)):
+        mujoco.mj_step(model, data)
+        if not (np.abs(data.qpos) < FARTHEST).all():
+            return ["told to stay at its start the arm comes apart: its gains are too high for the time step"]
+    off = np.degrees(np.abs(data.qpos[addresses] - told))
+    away = float(np.linalg.norm(data.site(GRIPPER).xpos - here))
+    if off.max() < SAGS[0] and away < SAGS[1]:
+        return []
+    carried = bool(np.all(model.body_gravcomp[model.jnt_bodyid[[joint.id for joint in joints]]] >= 1))
+    why = "" if carried else ": the controller does not carry its weight, with `gravity_compensation = true` it does"
+    worst = shown[int(off.argmax())]
+    return [f"at rest the arm hangs {100 * away:.1f} cm off where it is told to be, {worst!r} by {off.max():.1f}°{why}"]

@@ -1,0 +1,76 @@
+"""What the push task is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from skillcli.errors import UsageError
+from skillcli.robots.robot import Robot
+from skillcli.robots.scene import TABLE_CENTRE, TABLE_HALF_SIZE
+from skillcli.tasks.goals import check_in_reach, listed
+from skillcli.tasks.push.settings import PushTask
+from skillcli.tasks.spec import Drawing, Route, TaskEnvironment, TaskSpec
+from skillcli.trajectories import Array
+
+
+def _environment() -> TaskEnvironment:
+    from skillcli.tasks.push.environment import PushEnvironment
+
+    return PushEnvironment
+
+
+def _place_goal(task: PushTask, goal: Sequence[float]) -> list[float]:
+    """A displacement of the box from its nominal start."""
+    return [task.box_start[0] + goal[0], task.box_start[1] + goal[1], 0.0]
+
+
+def _check_goal(task: PushTask, robot: Robot, goal: Array) -> None:
+    lowest, highest = _room(task)
+    if ((goal[:2] < lowest) | (goal[:2] > highest)).any():
+        low, high = lowest - task.box_start, highest - task.box_start
+        raise UsageError(
+            f"displacement {listed(goal[:2] - task.box_start)} leaves no room for the box on the table",
+            f"displacements lie between {listed(low)} and {listed(high)} m",
+        )
+    check_in_reach(task, robot, goal)
+
+
+def _check_start(task: PushTask, low: float, high: float) -> None:
+    """Refuse a box that starts off the table, or may: drawn from `low` to `high` m off its nominal start in x and y."""
+    lowest, highest = _room(task)
+    if not ((lowest <= np.array(task.box_start) + low) & (np.array(task.box_start) + high <= highest)).all():
+        drawn = f", drawn {low:g} to {high:g} m off," if high > low else ""
+        raise UsageError(
+            f"a box at task.box_start {listed(np.array(task.box_start))}{drawn} starts off the table",
+            f"there is room for it at {listed(lowest)} .. {listed(highest)} m",
+        )
+
+
+def _room(task: PushTask) -> tuple[Array, Array]:
+    """Lowest and highest place of a box, however it has turned by quarters, on the table, (2,) m each."""
+    room = np.array(TABLE_HALF_SIZE[:2]) - max(task.box_size[:2]) / 2
+    return TABLE_CENTRE - room, TABLE_CENTRE + room
+
+
+def _ring() -> tuple[Route, ...]:
+    """Every 30 degrees, 20 cm from the start: outside the square that the shipped skills span."""
+    angles = [math.radians(angle) for angle in range(0, 360, 30)]
+    return tuple(((round(0.2 * math.cos(angle), 4), round(0.2 * math.sin(angle), 4)),) for angle in angles)
+
+
+TASK = TaskSpec(
+    name="push",
+    description="the arm's finger pushes a box over the table, with real contact",
+    settings=PushTask,
+    environment=_environment,
+    place_goal=_place_goal,
+    example="0.1,-0.1",
+    check_goal=_check_goal,
+    check_start=_check_start,
+    compositions={"ring": _ring()},
+    half_edges=lambda task: (task.box_size[0] / 2, task.box_size[1] / 2),
+    drawing=Drawing(((0, 1),), "box"),
+)
