@@ -202,7 +202,7 @@ LARGE = """
 import json, resource, sys
 from pathlib import Path
 from skillcli.errors import StoreError
-from skillcli.stages.meaning import check_meaning
+from skillcli.evaluation.consistency import check_meaning
 from skillcli.store import ArtifactId, Store
 store = Store(Path(sys.argv[1]))
 artifact = store.read(ArtifactId("tiny", "pretrain", 1))

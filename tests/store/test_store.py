@@ -13,11 +13,11 @@ from typing import Any
 import h5py  # type: ignore[import-untyped,unused-ignore]
 import numpy as np
 import pytest
-from tests.store.test_collect import with_parents
 
 from skillcli.errors import StoreError, UnknownArtifact
 from skillcli.store import STAGES, ArtifactId, Draft, Store, block, codec, container
 from skillcli.store.provenance import git_state
+from tests.store.test_gc import with_parents
 
 Make = Callable[..., Draft]
 
