@@ -22,6 +22,8 @@ from skillcli.store import ArtifactId, Draft, Parent, Store, archive, atomic, co
 from skillcli.store.process import machine_tag
 from tests.store.test_gc import with_parents
 
+pytestmark = pytest.mark.slow
+
 Make = Callable[..., Draft]
 
 

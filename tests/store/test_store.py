@@ -77,6 +77,7 @@ def test_large_arrays_in_several_chunks_survive(store: Store, make: Make) -> Non
     assert artifact.bytes < 2.6e6  # the zeros are packed
 
 
+@pytest.mark.slow
 def test_large_arrays_of_zeros_are_no_bomb(store: Store, make: Make) -> None:
     draft = make("pretrain")
     artifact = store.write(replace(draft, arrays={**draft.arrays, "weights/a": np.zeros((70, 1 << 18), np.float32)}))
