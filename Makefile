@@ -2,11 +2,11 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: install demo test fuzz check bench docs clean
+.PHONY: install demo test quick fuzz check bench docs clean
 
 install: .venv/installed
 
-.venv/installed: pyproject.toml constraints.txt
+.venv/installed: pyproject.toml setup.py constraints.txt
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt torch
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
@@ -17,6 +17,9 @@ demo: install  # the main job: train eight reach skills on the Sawyer, compose, 
 
 test: install
 	$(BIN)/python -m pytest
+
+quick: install  # what neither trains nor takes more than a moment: less than a minute
+	$(BIN)/python -m pytest -m "not slow"
 
 fuzz: install  # random damage to stored files and to HDF5's structures in them, a minute each; `make test` tries a little of it
 	SKILL_FUZZ=400 $(BIN)/python -m pytest tests/store/test_fuzz.py tests/store/test_structure_fuzz.py

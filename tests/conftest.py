@@ -15,6 +15,15 @@ from skillcli.stages.compose import Request, compose
 from skillcli.store import ArtifactId, Store
 from skillcli.tasks.world import place_goal as goal_place
 
+TRAINED = {"chain", "push_chain"}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Whatever needs a trained chain is slow; files that are slow for another reason say so themselves."""
+    for item in items:
+        if isinstance(item, pytest.Function) and TRAINED & set(item.fixturenames):
+            item.add_marker(pytest.mark.slow)
+
 
 @pytest.fixture(scope="session", autouse=True)
 def cache_of_its_own(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:

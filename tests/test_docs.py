@@ -1,4 +1,4 @@
-"""README and docs/ hold what they promise: links lead somewhere, commands parse, names exist, examples work."""
+"""README, CONTRIBUTING and docs/ hold what they promise: links lead somewhere, commands parse, names exist, examples work."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ from skillcli.tasks.registry import ROOMS as DESCRIPTIONS
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
-PAGES = {path.relative_to(ROOT).as_posix(): path for path in (ROOT / "README.md", *sorted(DOCS.glob("*.md")))}
+PAGES = {
+    path.relative_to(ROOT).as_posix(): path
+    for path in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.glob("*.md")))
+}
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 

@@ -14,6 +14,8 @@ from skillcli.tasks.push.settings import PushTask
 from skillcli.trajectories import Array
 from studies.contact import penetration, replay
 
+pytestmark = pytest.mark.slow
+
 STORE = Store(Path(__file__).parent.parent / "artifacts")
 STORED = [
     "reference-push/pretrain",

@@ -14,7 +14,6 @@ from rich.table import Table
 from rich.text import Text
 
 from skillcli.cli.terminal import Terminal
-from skillcli.plaintext import code, line, markdown, visible
 from skillcli.store import STAGES, Artifact, ArtifactId, Draft, Store
 from skillcli.viz import canvas
 
@@ -115,11 +114,3 @@ def test_every_way_to_print_makes_text_safe() -> None:
     plain = printed.get()
     assert "\x1b]0" not in plain and "\x1b[2J" not in plain and "\x9b" not in plain and "[/] [bold]" in plain
     assert "\x1b[" in plain, "our own colours stay"
-
-
-def test_text_that_is_harmless_stays_as_it_is() -> None:
-    assert visible("grün 力\n\t[x]\N{NO-BREAK SPACE}…") == "grün 力\n\t[x]\N{NO-BREAK SPACE}…"
-    assert visible("\x1b\x9b\u202e\udc9b") == r"\x1b\x9b\u202e\udc9b"
-    assert line("a\n b\r\n\x00") == r"a b \x00"
-    assert markdown("[a](b) *c*") == r"\[a\]\(b\) \*c\*"
-    assert code("a ``b`` c") == "``` a ``b`` c ```"

@@ -78,6 +78,7 @@ def test_the_time_left_does_not_rise_while_a_unit_of_work_takes_its_time(monkeyp
 
 
 @pytest.mark.parametrize("quiet", [False, True])
+@pytest.mark.slow
 def test_a_pipe_gets_no_control_characters_and_nothing_when_quiet(
     quiet: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -75,6 +75,7 @@ def test_a_sparkline_shows_the_course_of_a_curve() -> None:
     assert len(drawings.sparkline(np.arange(1000))) == drawings.WIDTH
 
 
+@pytest.mark.slow
 def test_verify_one_a_lineage_or_everything(store: Path) -> None:
     assert made("--store", store, "verify", "tiny/compose") == {"id": "tiny/compose-v1", "ok": True, "problems": []}
     found = made("--store", store, "verify", "tiny/transfer-eval", "--lineage")
@@ -136,6 +137,7 @@ def test_gc_shows_first_and_keeps_pins(store: Path) -> None:
     assert len(before - files(store)) == 2 and "nothing to remove" in said(store, "gc", "--apply")
 
 
+@pytest.mark.slow
 def test_export_and_import_move_a_chain(store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     sent = made("--store", store, "export", "tiny/transfer-eval")
@@ -178,6 +180,7 @@ def complete(store: Path, *words: str) -> tuple[list[str], set[str]]:
     return done.stdout.split(), eval(done.stderr.splitlines()[-1].replace("set()", "frozenset()"))
 
 
+@pytest.mark.slow
 def test_the_shell_completes_ids_without_loading_anything_slow(store: Path) -> None:
     offered, slow = complete(store, "show", "ti")
     assert sorted(offered) == sorted(f"tiny/{stage}-v1" for stage in STAGES) and not slow

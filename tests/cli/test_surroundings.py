@@ -23,6 +23,8 @@ from skillcli.cli import trouble, typed
 from skillcli.cli.main import set_aside
 from skillcli.viz import canvas
 
+pytestmark = pytest.mark.slow
+
 GOLDEN = Path(__file__).parent.parent / "store" / "golden"
 COMMAND = (sys.executable, "-c", "import sys; sys.argv[0] = 'skill'; from skillcli.cli.main import main; main()")
 

@@ -15,6 +15,8 @@ from command import TELLING, TINY_SET, files, made, skill
 from skillcli.learning.learner import Learner
 from skillcli.store import load_checkpoint, save_checkpoint
 
+pytestmark = pytest.mark.slow
+
 SMALL = ("pretrain", "smoke", *TINY_SET, "--set", "training.iterations=5")
 
 

@@ -117,6 +117,7 @@ def cheapest(moves: Array, durations: tuple[int, ...], goal: tuple[int, ...], li
 
 
 @pytest.mark.parametrize("weight", [0.0, 1.0])
+@pytest.mark.slow
 def test_random_worlds_are_solved_at_the_least_cost(weight: float) -> None:
     rng = np.random.default_rng(0)
     for _ in range(20):

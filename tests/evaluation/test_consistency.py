@@ -66,6 +66,7 @@ def test_what_the_stages_write_means_what_it_says(chain: Path, push_chain: Path,
         assert store.verify(artifact, check_meaning) == []
 
 
+@pytest.mark.slow
 def test_every_shipped_artifact_means_what_it_says() -> None:
     store = Store(Path(__file__).parents[2] / "artifacts")
     shipped = [one for one in store.ids() if one.name.startswith("reference-")]

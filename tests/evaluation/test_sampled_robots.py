@@ -144,6 +144,7 @@ class Perfect:
 
 
 @pytest.mark.parametrize("push", [0.0, 0.3])
+@pytest.mark.slow
 def test_replanning_arrives_although_the_robot_starts_elsewhere(push: float) -> None:
     recipe = resolve({"name": "r", "task": {"name": "reach"}, "search": {"segments": [0.1, 0.4], "weight": 4.0}})
     leg = Leg(Perfect(), recipe, np.zeros((0, 3)), (), 0, silent, Robots())  # type: ignore[arg-type]

@@ -15,6 +15,8 @@ from skillcli.learning.ddpg import DdpgComposer, Replay
 from skillcli.learning.ppo import PpoComposer
 from skillcli.trajectories import Array
 
+pytestmark = pytest.mark.slow
+
 BOX = np.array([[-1.0, 0.0], [3.0, 2.0]])
 GOAL = np.array([2.2, 0.6])
 DDPG = Ddpg(

@@ -24,6 +24,8 @@ from skillcli.tasks.point.settings import PointTask
 from skillcli.tasks.world import skill_goals
 from skillcli.trajectories import Array
 
+pytestmark = pytest.mark.slow
+
 Tamper = Callable[[dict[str, Array], dict[str, Any]], Any]
 
 RECIPE = load_recipe(

@@ -85,6 +85,7 @@ def test_a_robot_that_becomes_nominal_again_is_the_plain_one() -> None:
         np.testing.assert_array_equal(env.step(action).observation, other.step(action).observation)
 
 
+@pytest.mark.slow
 def test_draws_within_the_bounds_of_every_parameter_at_once_end_in_failures_and_never_in_nan() -> None:
     """As nasty as a file may be: both ends of everything, servos a thousand times too stiff, links of a hundredth."""
     ranges = {name: Range(kind="one_of", values=(p.low, p.high)) for name, p in PARAMETERS.items()}

@@ -23,6 +23,8 @@ from skillcli.viz.report import comparison, pictures
 from skillcli.viz.report.content import Number, Row
 from skillcli.viz.report.selection import Exhibit, select
 
+pytestmark = pytest.mark.slow
+
 REFERENCE = Path(__file__).parents[2] / "artifacts"
 
 

@@ -14,6 +14,8 @@ from skillcli.recipe import Recipe, resolve
 from skillcli.stages.chain import Link, run_chain
 from skillcli.store import STAGES, Artifact, ArtifactId, Parent, Store
 
+pytestmark = pytest.mark.slow
+
 POINT = resolve(
     {
         "name": "tiny",

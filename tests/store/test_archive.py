@@ -16,11 +16,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from tests.store.test_collect import with_parents
 
 from skillcli.errors import StoreError
 from skillcli.store import ArtifactId, Draft, Parent, Store, archive, atomic, codec, collect_garbage, export, import_file
 from skillcli.store.process import machine_tag
+from tests.store.test_gc import with_parents
+
+pytestmark = pytest.mark.slow
 
 Make = Callable[..., Draft]
 

@@ -20,6 +20,8 @@ from skillcli.errors import StoreError
 from skillcli.evaluation.consistency import check_meaning
 from skillcli.store import KINDS, ArtifactId, Store, import_file
 
+pytestmark = pytest.mark.slow
+
 SOME = """
 header.key_twice header.time_of_year_9999 header.name_of_200_letters header.version_of_nine_digits header.ten_thousand_parents
 header.itself_as_parent header.no_parent_of_embed-means header.other_recipe_name header.lone_surrogate

@@ -60,6 +60,7 @@ def test_what_the_store_never_writes_is_refused(text: str | bytes, told: str) ->
     ],
     ids=["escapes", "quotes", "wide", "keys"],
 )
+@pytest.mark.slow
 def test_a_megabyte_made_to_be_slow_takes_a_moment(text: str) -> None:
     started = time.process_time()
     with suppress(ValueError):

@@ -22,6 +22,8 @@ from skillcli.store import ArtifactId, Draft, Store, block, codec, collect_garba
 from skillcli.store.gc import GRACE_SECONDS
 from skillcli.store.lock import locked
 
+pytestmark = pytest.mark.slow
+
 Make = Callable[..., Draft]
 
 CHANGING = ("write", "flush", "fsync", "replace", "rename", "unlink", "symlink", "mkdir", "truncate")

@@ -19,6 +19,8 @@ import pytest
 from skillcli.errors import StoreError
 from skillcli.store import Draft, Store, atomic, collect_garbage
 
+pytestmark = pytest.mark.slow
+
 Make = Callable[..., Draft]
 
 

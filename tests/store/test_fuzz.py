@@ -22,6 +22,8 @@ from skillcli.errors import StoreError
 from skillcli.store import ArtifactId, Store, block, export, import_file
 from skillcli.store.artifact import content_hash
 
+pytestmark = pytest.mark.slow
+
 EXAMPLES = int(os.environ.get("SKILL_FUZZ", "25"))
 SECONDS = 2.0
 

@@ -21,6 +21,8 @@ import pytest
 from skillcli.errors import StoreError
 from skillcli.store import ArtifactId, Draft, Store, block
 
+pytestmark = pytest.mark.slow
+
 Make = Callable[..., Draft]
 
 

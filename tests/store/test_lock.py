@@ -98,6 +98,7 @@ def test_the_lock_from_before_a_start_of_this_machine_is_taken_at_once(tmp_path:
             pass
 
 
+@pytest.mark.slow
 def test_a_lock_is_never_without_an_owner(tmp_path: Path) -> None:
     """Killed at any moment, a process leaves no lock that others wait for."""
 

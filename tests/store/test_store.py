@@ -13,11 +13,11 @@ from typing import Any
 import h5py  # type: ignore[import-untyped,unused-ignore]
 import numpy as np
 import pytest
-from tests.store.test_collect import with_parents
 
 from skillcli.errors import StoreError, UnknownArtifact
 from skillcli.store import STAGES, ArtifactId, Draft, Store, block, codec, container
 from skillcli.store.provenance import git_state
+from tests.store.test_gc import with_parents
 
 Make = Callable[..., Draft]
 
@@ -77,6 +77,7 @@ def test_large_arrays_in_several_chunks_survive(store: Store, make: Make) -> Non
     assert artifact.bytes < 2.6e6  # the zeros are packed
 
 
+@pytest.mark.slow
 def test_large_arrays_of_zeros_are_no_bomb(store: Store, make: Make) -> None:
     draft = make("pretrain")
     artifact = store.write(replace(draft, arrays={**draft.arrays, "weights/a": np.zeros((70, 1 << 18), np.float32)}))

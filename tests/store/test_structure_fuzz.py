@@ -21,6 +21,8 @@ from skillcli.errors import StoreError
 from skillcli.store.container import unpack
 from skillcli.store.hdf5_safety import DTYPES, plausible_total
 
+pytestmark = pytest.mark.slow
+
 EXAMPLES = int(os.environ.get("SKILL_FUZZ", "25"))
 BOUNDED = EXAMPLES > 25
 SECONDS = 30.0

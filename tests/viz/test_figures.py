@@ -18,6 +18,8 @@ from skillcli.viz import canvas, motion, panels_space
 from skillcli.viz.figures import draw, figure
 from skillcli.viz.palette import look
 
+pytestmark = pytest.mark.slow
+
 
 def titles(drawn: Figure) -> list[str]:
     return [axes.get_title(loc="left") or axes.get_title() for axes in drawn.axes]

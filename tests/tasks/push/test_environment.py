@@ -90,6 +90,7 @@ SIZES = [((0.06, 0.06, 0.06), 0.03), ((0.11, 0.11, 0.13), 0.2), ((0.3, 0.05, 0.1
 
 
 @pytest.mark.parametrize(("size", "share"), SIZES)
+@pytest.mark.slow
 def test_a_box_never_starts_inside_the_arm_and_so_stays_where_it_is(size: tuple[float, float, float], share: float) -> None:
     env, rng = push_env(PushTask(box_size=size), 128), np.random.default_rng(1)
     offset = rng.uniform(-0.12, 0.12, (128, 2))
