@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from worlds import SAWYER, target_robot, world
 from skillcli.errors import UsageError
 from skillcli.recipe import load_recipe, resolve
 from skillcli.store import Store
+from skillcli.tasks import registry
 from skillcli.tasks.world import World
 
 ROOT = Path(__file__).parents[2]
@@ -34,12 +36,13 @@ def block_with(text: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The files of the page."""
     place = tmp_path_factory.mktemp("own")
     (place / "planar.py").write_text(block_with("class PlanarTask"), encoding="utf-8")
     (place / "planar.toml").write_text(block_with('extends = "reach"'), encoding="utf-8")
-    return place
+    yield place
+    registry._OF_USERS.clear()
 
 
 @pytest.fixture(scope="module")
