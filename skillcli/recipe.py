@@ -145,23 +145,23 @@ def resolve(content: Mapping[str, Any], overrides: Iterable[str] = ()) -> Recipe
 
 def _settings_of(content: dict[str, Any]) -> type[TaskSettings]:
     """The section that describes the task of a recipe; fills in what the robot says of where it starts."""
-    task = content.get("task")
-    if not isinstance(task, Mapping):
+    given = content.get("task")
+    if not isinstance(given, Mapping):
         return TaskSettings  # the validation says what is wrong
     robot = content.get("robot", "sawyer")
-    if "module" in task:
-        task = content["task"] = _from_module(task)
-    name = task.get("name")
+    if "module" in given:
+        given = content["task"] = _from_module(given)
+    name = given.get("name")
     if name is None:
         raise UsageError("recipe key 'task.name' is missing", f"tasks: {', '.join(task_names())}")
-    if not isinstance(name, str) or name not in task_names():
+    if name not in task_names():
         known = ", ".join(map(repr, task_names()))
         raise UsageError(f"recipe key 'task.name': expected one of {known}, got {shown(name)}", "see `skill tasks`")
     spec = find_task(name)
-    if spec.uses_robot and not task.get("start"):
-        content["task"] = {**task, "start": start_of(robot, name)}
+    if spec.uses_robot and not given.get("start"):
+        content["task"] = {**given, "start": start_of(robot, name)}
     elif spec.uses_robot:
-        _check_start(robot, task["start"])
+        _check_start(robot, given["start"])
     return spec.settings
 
 
@@ -253,11 +253,11 @@ def _read(name: str, seen: tuple[str, ...]) -> dict[str, Any]:
 
 def _beside(content: dict[str, Any], folder: Path) -> None:
     """Let files that a recipe names lie beside it."""
-    robot, task = content.get("robot"), content.get("task")
+    robot, given = content.get("robot"), content.get("task")
     if isinstance(robot, str) and is_path(robot):
         content["robot"] = str(folder / robot)
-    if isinstance(task, dict) and isinstance(task.get("module"), str) and task["module"]:
-        task["module"] = str(folder / task["module"])
+    if isinstance(given, dict) and isinstance(path := given.get("module"), str) and path:
+        given["module"] = str(folder / path)
 
 
 def _merge(base: dict[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from skillcli.tasks.world import recorded, sizes, skill_goals
 from skillcli.trajectories import Array
 
 TRAINED = (
+    "robot",
     "task",
     "embedding",
     "network",

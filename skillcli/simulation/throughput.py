@@ -24,7 +24,7 @@ class BareEngine:
 
     def measure(self) -> None:
         """Step the engine from the states that the environment is in, with random targets, and put them back."""
-        if not isinstance(self._env, ArmEnvironment):  # the point task has no engine below it
+        if not isinstance(self._env, ArmEnvironment):  # nothing to be measured: no engine below it
             return
         arms = self._env.arms
         everyone = np.arange(arms.num)

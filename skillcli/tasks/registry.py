@@ -120,9 +120,10 @@ def _run(path: Path, name: str) -> Any:
 
 
 def _checked(spec: Any, what: str) -> TaskSpec:
-    if not isinstance(spec, TaskSpec):
-        raise UsageError(f"{what} holds no task: TASK has to be a TaskSpec", "docs/add-a-task.md shows one")
-    return spec
+    match spec:
+        case TaskSpec():
+            return spec
+    raise UsageError(f"{what} holds no task: TASK has to be a TaskSpec", "docs/add-a-task.md shows one")
 
 
 def half_edges(task: Any) -> tuple[float, float]:

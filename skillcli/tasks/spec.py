@@ -51,6 +51,8 @@ class Drawing:
         unit: of distances, and how many of it are a metre.
         latent_sigmas: standard deviations at which ellipses are drawn in the latent space.
         action_unit: of the norm of an action.
+        goal_size: numbers of a goal as it is typed.
+        goals_from_start: whether goals are typed as seen from where what is judged starts.
     """
 
     planes: tuple[tuple[int, int], ...] = ((0, 1), (0, 2))
@@ -58,6 +60,8 @@ class Drawing:
     unit: tuple[str, float] = ("cm", 100.0)
     latent_sigmas: tuple[int, ...] = (1,)
     action_unit: str = "rad per step"
+    goal_size: int = 3
+    goals_from_start: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,6 @@ import numpy as np
 from skillcli.errors import SkillError
 from skillcli.trajectories import Array
 
-ARM_JOINT = "right_j{}"
 BOX_JOINT = "box"
 LAST_VISUAL_GROUP = 2  # by MuJoCo's convention the groups above hold geoms for collision only
 
@@ -48,9 +47,9 @@ def moves(model: mujoco.MjModel, body: int) -> bool:
     return int(model.body_weldid[body]) != 0
 
 
-def of_arm(model: mujoco.MjModel, body: int) -> bool:
-    """Whether the body belongs to the arm, from its base on."""
-    return int(model.body_rootid[body]) == int(model.body_rootid[model.joint("right_j0").bodyid[0]])
+def of_arm(model: mujoco.MjModel, joints: tuple[str, ...], body: int) -> bool:
+    """Whether the body belongs to the arm with these joints, from its base on."""
+    return int(model.body_rootid[body]) == int(model.body_rootid[model.joint(joints[0]).bodyid[0]])
 
 
 def shapes(model: mujoco.MjModel) -> dict[int, list[Shape]]:
@@ -81,11 +80,14 @@ def _color(model: mujoco.MjModel, geom: int) -> Array:
     return np.array(model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom])
 
 
-def body_poses(model: mujoco.MjModel, joint_position: Array, object_pose: Array | None = None) -> tuple[Array, Array]:
+def body_poses(
+    model: mujoco.MjModel, joints: tuple[str, ...], joint_position: Array, object_pose: Array | None = None
+) -> tuple[Array, Array]:
     """Poses of all bodies for a row of arm postures.
 
     Args:
-        model: it must have the joints `right_j0` … of the arm, and a free joint `box` when there is an object pose.
+        model: of the scene, with a free joint `box` where there is an object pose.
+        joints: of the arm, as the model names them.
         joint_position: (n, joints) rad.
         object_pose: (n, 7) m and w x y z, or None.
 
@@ -93,7 +95,7 @@ def body_poses(model: mujoco.MjModel, joint_position: Array, object_pose: Array 
         Positions (n, bodies, 3) m and quaternions (n, bodies, 4) x y z w, in the frame of the world.
     """
     data = mujoco.MjData(model)
-    arm = [_address(model, ARM_JOINT.format(i)) for i in range(joint_position.shape[-1])]
+    arm = [_address(model, name) for name in joints]
     box = 0 if object_pose is None else _address(model, BOX_JOINT)
     positions = np.empty((len(joint_position), model.nbody, 3))
     quaternions = np.empty((len(joint_position), model.nbody, 4))

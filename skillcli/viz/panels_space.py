@@ -14,13 +14,14 @@ from skillcli.viz.scene import Scene
 
 Plane = tuple[int, int]  # the two coordinates that are drawn
 
+_ALPHA = {1: 0.25, 2: 0.12}  # of the ellipse at so many standard deviations
 _NAMES = ("x", "y", "z")
 _HALO = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.6}
 
 
 def planes(scene: Scene) -> list[Plane]:
-    """The projections that show this task: point and box move in a plane, a gripper in space."""
-    return [(0, 1), (0, 2)] if scene.task == "reach" else [(0, 1)]
+    """The projections that show this task."""
+    return list(scene.drawing.planes)
 
 
 def latent_planes(scene: Scene) -> list[Plane]:
@@ -93,8 +94,7 @@ def paths(axes: Axes, scene: Scene, plane: Plane) -> None:
         axes.plot(*moved[-1], color=style.color, marker=style.marker, ms=4, zorder=4)
         axes.plot(*moved[0], color="black", marker="o", mfc="white", ms=4, zorder=5)
     _frame(axes, scene, plane)
-    judged = "point" if scene.task == "point" else "gripper" if data.object_pose is None else "box"
-    axes.set_title(f"{judged} paths from above" if plane == (0, 1) else "from the side")
+    axes.set_title(f"{scene.drawing.achieved} paths from above" if plane == (0, 1) else "from the side")
 
 
 def _between(axes: Axes, scene: Scene, plane: Plane, episodes: list[int]) -> None:
@@ -207,7 +207,7 @@ def latents(axes: Axes, scene: Scene, plane: Plane, route: int | None = None) ->
         axes.annotate(text, (spot[0], spot[1]), xytext=(6, 6), textcoords="offset points", zorder=6, bbox=_HALO)
     for skill, (mean, std) in enumerate(zip(means, stds, strict=True)):
         style = look(skill)
-        for scale, alpha in ((2, 0.12), (1, 0.25)) if scene.task == "point" else ((1, 0.25),):
+        for scale, alpha in ((n, _ALPHA[n]) for n in sorted(scene.drawing.latent_sigmas, reverse=True)):
             width, height = 2 * scale * std
             axes.add_patch(Ellipse(tuple(mean), width, height, fc=style.color, ec="none", alpha=alpha, zorder=1))
         axes.add_patch(Ellipse(tuple(mean), *(2 * std), fill=False, ec=style.color, ls=style.dash, lw=0.9, zorder=2))
@@ -220,7 +220,7 @@ def latents(axes: Axes, scene: Scene, plane: Plane, route: int | None = None) ->
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel=f"$z_{plane[0] + 1}$", ylabel=f"$z_{plane[1] + 1}$")
     axes.grid(True)
-    what = r"1$\sigma$ and 2$\sigma$" if scene.task == "point" else r"1$\sigma$"
+    what = " and ".join(rf"{n}$\sigma$" for n in sorted(scene.drawing.latent_sigmas))
     axes.set_title(f"latent space ({what})" if route is None else "the plan in latent space")
 
 

@@ -26,8 +26,9 @@ _CURVES = {
 
 
 def unit(scene: Scene) -> tuple[float, str]:
-    """What distances are drawn in: their number per metre, and the name. An arm works in centimetres."""
-    return (1.0, "m") if scene.task == "point" else (100.0, "cm")
+    """What distances are drawn in: their number per metre, and the name."""
+    name, per_metre = scene.drawing.unit
+    return per_metre, name
 
 
 def _logarithmic(axes: Axes) -> None:

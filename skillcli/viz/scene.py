@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from skillcli.plaintext import line
+from skillcli.tasks.spec import Drawing
 from skillcli.trajectories import Array, Trajectories
 
 LONGEST = 40  # characters of a name on a figure
@@ -18,16 +19,17 @@ LONGEST = 40  # characters of a name on a figure
 class Scene:
     """One artifact as it is drawn. `E` episodes, `K` skills, `W` waypoints, latents of `d` components.
 
-    Positions are in the frame of the robot's base. In the model the joints of the arm are named `right_j0`,
-    `right_j1`, …, and the free joint of the box, where there is one, is named `box`.
+    Positions are in the frame of the robot's base. In the model the free joint of the box, where there is one, is named `box`.
     """
 
     title: str  # the artifact's id
     kind: str  # "pretrain" | "embed-means" | "compose" | "transfer-eval"
-    task: str  # "point" | "reach" | "push"
+    task: str  # its name
+    drawing: Drawing  # how the task is drawn
     provenance: str  # markdown
     trajectories: Trajectories
-    model: mujoco.MjModel | None  # None for the point task
+    model: mujoco.MjModel | None  # None where no engine simulates the task
+    joints: tuple[str, ...]  # of the arm, as the model names them
     skills: tuple[str, ...]  # (K,) names
     goals: Array  # (K, 3) m, the trained goals
     waypoints: Array  # (W, 3) m, what a composition had to reach, in order

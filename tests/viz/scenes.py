@@ -10,9 +10,11 @@ import mujoco
 import numpy as np
 
 from skillcli.metrics import wilson_interval
+from skillcli.tasks.registry import find_task
 from skillcli.trajectories import Array, Trajectories
 from skillcli.viz.scene import Scene
 
+ARM_JOINTS = ("right_j0", "right_j1", "right_j2")
 KINDS = ("pretrain", "embed-means", "compose", "transfer-eval")
 TASKS = ("point", "reach", "push")
 
@@ -122,6 +124,12 @@ def _plan(kind: str, task: str, sampled: int) -> tuple[list[list[tuple[Array, Ar
     return [legs] * (6 * len(DOMAINS)), [f"{name} {i}" for name in DOMAINS for i in range(6)], waypoints
 
 
+def joints_of(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Names of the joints of an arm in a model."""
+    names = (str(model.joint(i).name) for i in range(model.njnt))
+    return tuple(name for name in names if name.startswith("right_j"))
+
+
 @cache
 def make(kind: str, task: str, *, sampled: int = 2, model: Any = None, skills: tuple[str, ...] = ()) -> Scene:
     """A scene of this kind; legs take 20 control steps of 0.05 s, single legs 60."""
@@ -158,9 +166,11 @@ def make(kind: str, task: str, *, sampled: int = 2, model: Any = None, skills: t
         title=f"{task}/{kind}-v1",
         kind=kind,
         task=task,
+        drawing=find_task(task).drawing,
         provenance=f"# {task}/{kind}-v1\n\n| field | value |\n|---|---|\n| seed | 0 |\n| recipe | {task} |\n",
         trajectories=trajectories,
         model=None if task == "point" else (model or arm_model(task == "push")),
+        joints=ARM_JOINTS if model is None else joints_of(model),
         skills=skills,
         goals=GOALS[task],
         waypoints=waypoints,

@@ -16,7 +16,7 @@ POSTURES = np.array([[0.3, -0.5, 1.1], [-1.2, 0.4, 0.7]])
 def test_poses_are_those_of_mujoco_with_the_scalar_of_the_quaternion_last() -> None:
     model = scenes.arm_model(with_box=True)
     pose = np.array([[0.6, 0.1, 0.02, 0.8, 0.0, 0.0, 0.6], [0.5, 0.0, 0.03, 0.6, 0.8, 0.0, 0.0]])
-    positions, quaternions = kinematics.body_poses(model, POSTURES, pose)
+    positions, quaternions = kinematics.body_poses(model, scenes.ARM_JOINTS, POSTURES, pose)
     for row in range(2):
         data = mujoco.MjData(model)
         for i in range(3):
@@ -29,7 +29,7 @@ def test_poses_are_those_of_mujoco_with_the_scalar_of_the_quaternion_last() -> N
 
 def test_a_missing_joint_is_named_with_what_there_is() -> None:
     with pytest.raises(SkillError, match="no joint 'right_j3'") as caught:
-        kinematics.body_poses(scenes.arm_model(), np.zeros((1, 4)))
+        kinematics.body_poses(scenes.arm_model(), (*scenes.ARM_JOINTS, "right_j3"), np.zeros((1, 4)))
     assert "'right_j2'" in caught.value.hint
 
 
@@ -70,4 +70,4 @@ def test_the_robot_itself_is_drawn_whole() -> None:
     model = mujoco.MjModel.from_xml_path(str(source))
     drawn = {kinematics.body_name(model, body) for body in kinematics.shapes(model)}
     assert {f"right_l{i}" for i in range(7)} <= drawn
-    kinematics.body_poses(model, np.zeros((1, 7)))
+    kinematics.body_poses(model, scenes.joints_of(model), np.zeros((1, 7)))

@@ -39,5 +39,5 @@ TASK = TaskSpec(
     check_goal=_check_goal,
     compositions={"triangle": (((2.0, 1.0), (-2.0, 1.0), (0.0, -2.0)),)},
     uses_robot=False,
-    drawing=Drawing(((0, 1),), "point", ("m", 1.0), (2, 1), "m per step"),
+    drawing=Drawing(((0, 1),), "point", ("m", 1.0), (1, 2), "m per step", goal_size=2),
 )

@@ -72,5 +72,5 @@ TASK = TaskSpec(
     check_start=_check_start,
     compositions={"ring": _ring()},
     half_edges=lambda task: (task.box_size[0] / 2, task.box_size[1] / 2),
-    drawing=Drawing(((0, 1),), "box"),
+    drawing=Drawing(((0, 1),), "box", goal_size=2, goals_from_start=True),
 )

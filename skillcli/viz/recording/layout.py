@@ -68,7 +68,7 @@ def spread(scene: Scene) -> Array:
     paths = [motion.path(scene, episode) for episode in range(scene.trajectories.episodes)]
     base: list[Array] = []
     if scene.model is not None and scene.trajectories.joint_position is not None:
-        base = [kinematics.body_poses(scene.model, scene.trajectories.joint_position[0, :1])[0][0, 1:]]
+        base = [kinematics.body_poses(scene.model, scene.joints, scene.trajectories.joint_position[0, :1])[0][0, 1:]]
     return np.concatenate([scene.goals.reshape(-1, 3), scene.waypoints.reshape(-1, 3), *paths, *base])
 
 

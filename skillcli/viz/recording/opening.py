@@ -132,7 +132,7 @@ def _series(scene: Scene) -> list[rrb.View]:
 
 
 def _series_title(scene: Scene, name: str) -> str:
-    unit = "m per step" if name == "action_norm" and scene.task == "point" else _UNITS.get(name, "")
+    unit = scene.drawing.action_unit if name == "action_norm" else _UNITS.get(name, "")
     return f"{name.replace('_', ' ')} [{unit}]" if unit else name
 
 

@@ -117,7 +117,9 @@ def log_model(stream: rr.RecordingStream, scene: Scene, clocks: list[Clock]) -> 
     for root, played in roots.items():
         visible = kinematics.shapes(scene.model)
         if scene.other_robot and played is scene:  # the arm that stands there has another shape
-            visible = {body: shapes for body, shapes in visible.items() if not kinematics.of_arm(scene.model, body)}
+            visible = {
+                body: shapes for body, shapes in visible.items() if not kinematics.of_arm(scene.model, scene.joints, body)
+            }
         for body, shapes in visible.items():
             for form in sorted({shape.form for shape in shapes}):
                 archetype = _shape_archetype(form, [shape for shape in shapes if shape.form == form])
@@ -141,7 +143,7 @@ def _log_poses(
     data = scene.trajectories
     assert data.joint_position is not None  # the caller has looked
     box = None if data.object_pose is None else data.object_pose[episode, rows]
-    positions, quaternions = kinematics.body_poses(scene.model, data.joint_position[episode, rows], box)
+    positions, quaternions = kinematics.body_poses(scene.model, scene.joints, data.joint_position[episode, rows], box)
     for body in bodies:
         entity = _body_entity(scene, root, body)
         if kinematics.moves(scene.model, body):

@@ -157,7 +157,7 @@ def _push_searched(material: Material) -> Iterator[Row]:
 def _transfer(material: Material) -> Iterator[Row]:
     for one in material.find("transfer-eval", where=lambda one: not _bare(one)):
         parent = one.artifact.parents[0].id if one.artifact.parents else one.artifact.id
-        yield from _domains(one, paper.PUSH_TRANSFER if one.scene.task == "push" else "", str(parent))
+        yield from _domains(one, paper.TRANSFER.get(one.scene.task, ""), str(parent))
 
 
 def _interpolation(material: Material) -> Iterator[Row]:
@@ -254,11 +254,10 @@ def _key(group: str, path: Iterable[str | int]) -> str:
 
 
 def _start(one: Exhibit) -> Any:
-    """Where goals are counted from, (3,) m: for push where the box starts."""
-    start = one.scene.trajectories.judged[0, 0].copy()
-    if one.scene.task != "push":
+    """Where goals are counted from, (3,) m."""
+    if not one.scene.drawing.goals_from_start:
         return np.zeros(3)
-    return np.round(start, 3)
+    return np.round(one.scene.trajectories.judged[0, 0], 3)
 
 
 def _goal(one: Exhibit, goal: Any) -> Goal:
@@ -268,7 +267,7 @@ def _goal(one: Exhibit, goal: Any) -> Goal:
 
 def _targets(one: Exhibit) -> list[Goal]:
     """The waypoints of a composition as they are typed, to the millimetre."""
-    size = 2 if one.scene.task == "push" else 3
+    size = one.scene.drawing.goal_size
     return [tuple(round(float(x), 3) + 0.0 for x in place[:size]) for place in one.scene.waypoints - _start(one)]
 
 

@@ -43,5 +43,5 @@ PUSH_SEARCHED = {  # sim: final distance by goal, a displacement
     (0.2, 0.1): 0.042,
     (0.2, -0.1): 0.026,
 }
-PUSH_TRANSFER = "“not able to reliably transfer” (real)"
+TRANSFER = {"push": "“not able to reliably transfer” (real)"}  # of compositions, by task
 ARMS = "full space clearly better"
