@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from skillcli.errors import StoreError
-from skillcli.store.ids import FILE, LAST_VERSION
+from skillcli.store.ids import LAST_VERSION, file_pattern
 from skillcli.store.process import is_running, machine_tag
 
 T = TypeVar("T")
@@ -44,7 +44,6 @@ _HINTS = {
 }
 
 _OURS = re.compile(rf"{re.escape(TEMPORARY)}.*-[0-9a-f]{{8}}-[1-9][0-9]*-[0-9a-f]{{8}}(\.[a-z0-9]+)?", re.ASCII)
-_CLAIMED = re.compile(rf"{FILE}(\.h5)?", re.ASCII)
 
 
 @contextmanager
@@ -214,7 +213,8 @@ def next_version(folder: Path, stage: str) -> int:
         StoreError: all are taken.
         OSError: the folder cannot be listed.
     """
-    taken = [found for place in (folder, folder / CLAIMS) for name in _names(place) if (found := _CLAIMED.fullmatch(name))]
+    claimed = file_pattern(after=r"(\.h5)?")
+    taken = [found for place in (folder, folder / CLAIMS) for name in _names(place) if (found := claimed.fullmatch(name))]
     version = 1 + max((int(found["version"]) for found in taken if found["stage"] == stage), default=0)
     if version > LAST_VERSION:
         raise StoreError(f"{folder.name}/{stage} has had its last version, {LAST_VERSION}", "give --name another name")

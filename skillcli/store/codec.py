@@ -18,6 +18,7 @@ from skillcli.store.artifact import Artifact, Draft, Header, Parent, content_has
 from skillcli.store.canonical_json import canonical, plain, sha256
 from skillcli.store.container import RECORD, Contents, checked_arrays, pack, parse_record, peek, reading, text_array, unpack
 from skillcli.store.ids import ArtifactId
+from skillcli.store.kinds import KINDS, kind_spec
 from skillcli.store.provenance import git_state, package_versions
 
 _HEADER = {
@@ -65,7 +66,7 @@ def check_draft(draft: Draft) -> Draft:
         StoreError: something in it cannot be stored, or does not fit its kind.
     """
     label = f"{draft.name}/{draft.kind}"
-    schema.check_kind(draft.kind, label)
+    kind_spec(draft.kind, label)
     arrays = checked_arrays(draft.arrays)
     schema.check_arrays(draft.kind, {path: array.shape for path, array in arrays.items()}, label)
     if not -(2**63) <= draft.seed < 2**63:
@@ -79,7 +80,7 @@ def finish(draft: Draft, version: int, parents: tuple[Parent, ...]) -> Artifact:
     commit, dirty = git_state()
     artifact = Artifact(
         id=ArtifactId(draft.name, draft.kind, version),
-        schema_version=schema.KINDS[draft.kind].version,
+        schema_version=KINDS[draft.kind].version,
         created_utc=datetime.now(UTC).isoformat(timespec="microseconds"),
         seed=draft.seed,
         recipe_name=str(draft.recipe.get("name", "")),
@@ -194,7 +195,7 @@ def _header(fields: Mapping[str, Any], expected: ArtifactId) -> Header:
     """Raises ValueError where the header is not one, and StoreError where it is not for us."""
     if {name: type(value) for name, value in fields.items()} != _HEADER:
         raise ValueError("its header is not that of an artifact")
-    schema.check_kind(fields["kind"], str(expected))
+    kind_spec(fields["kind"], str(expected))
     if fields["schema_version"] < 1:
         raise StoreError(f"{expected} has schema {fields['schema_version']}, the first was 1", "it was not made by skill")
     if fields["id"] != str(expected) or fields["kind"] != expected.stage:

@@ -4,20 +4,35 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from skillcli.errors import StoreError
+from skillcli.store.kinds import KINDS
 
-STAGES = ("pretrain", "embed-means", "compose", "transfer-eval")
+STAGES = tuple(KINDS)
 """Every stage writes one kind of artifact, called after it."""
 
 LAST_VERSION = 999_999_999
 
 NAME = r"(?!.*\.\.)[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
-FILE = rf"(?P<stage>{'|'.join(STAGES)})-v(?P<version>[1-9][0-9]{{0,8}})"
 
-_ID = re.compile(rf"(?P<name>{NAME})/{FILE}", re.ASCII)
-_RULE = f"an id is NAME/STAGE-vN: NAME of letters, digits, '.', '_', '-' (at most 64), STAGE one of {', '.join(STAGES)}"
+
+def file_pattern(before: str = "", after: str = "") -> re.Pattern[str]:
+    """An expression for `STAGE-vN` with groups `stage` and `version`, between two others, of every kind that there is."""
+    return _file_pattern(before, after, tuple(KINDS))
+
+
+@cache
+def _file_pattern(before: str, after: str, kinds: tuple[str, ...]) -> re.Pattern[str]:
+    return re.compile(rf"{before}(?P<stage>{'|'.join(kinds)})-v(?P<version>[1-9][0-9]{{0,8}}){after}", re.ASCII)
+
+
+_NAMED = rf"(?P<name>{NAME})/"
+
+
+def _rule() -> str:
+    return f"an id is NAME/STAGE-vN: NAME of letters, digits, '.', '_', '-' (at most 64), STAGE one of {', '.join(KINDS)}"
 
 
 @dataclass(frozen=True, order=True)
@@ -34,8 +49,8 @@ class ArtifactId:
 
     def __post_init__(self) -> None:
         """Refuse parts that would not parse back, such as a name that leaves the store's folder."""
-        if not _ID.fullmatch(str(self)):
-            raise StoreError(f"not an artifact id: {str(self)!r}", _RULE)
+        if not file_pattern(_NAMED).fullmatch(str(self)):
+            raise StoreError(f"not an artifact id: {str(self)!r}", _rule())
 
     def __str__(self) -> str:
         """Format as `NAME/STAGE-vN`."""
@@ -48,9 +63,9 @@ class ArtifactId:
         Raises:
             StoreError: the text is not one.
         """
-        found = _ID.fullmatch(text)
+        found = file_pattern(_NAMED).fullmatch(text)
         if not found:
-            raise StoreError(f"not an artifact id: {text!r}", _RULE)
+            raise StoreError(f"not an artifact id: {text!r}", _rule())
         return cls(found["name"], found["stage"], int(found["version"]))
 
     @property
@@ -69,4 +84,4 @@ def check_name(name: str) -> str:
     Raises:
         StoreError: it cannot be the first part of an id.
     """
-    return ArtifactId(name, STAGES[0], 1).name
+    return ArtifactId(name, next(iter(KINDS)), 1).name

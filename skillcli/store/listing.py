@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 from skillcli.store.artifact import Header, Unreadable
 from skillcli.store.atomic import storage_errors
-from skillcli.store.ids import FILE, NAME, ArtifactId
+from skillcli.store.ids import NAME, ArtifactId, file_pattern
 from skillcli.store.pins import FOLDER as PINS
 
 _FOLDER = re.compile(NAME, re.ASCII)
-_FILE = re.compile(rf"{FILE}\.h5", re.ASCII)
+_SUFFIX = r"\.h5"
 
 
 class Listing(NamedTuple):
@@ -65,7 +65,8 @@ def versions(root: Path, artifact_id: ArtifactId) -> list[ArtifactId]:
         names = [path.name for path in (root / artifact_id.name).iterdir()]
     except FileNotFoundError:
         return []
-    found = (match for name in names if (match := _FILE.fullmatch(name)) and match["stage"] == artifact_id.stage)
+    file = file_pattern(after=_SUFFIX)
+    found = (match for name in names if (match := file.fullmatch(name)) and match["stage"] == artifact_id.stage)
     return [replace(artifact_id, version=number) for number in sorted(int(match["version"]) for match in found)]
 
 
@@ -94,9 +95,10 @@ def _noted(found: Names, name: str, path: str) -> Iterator[None]:
 def _look_into(folder: os.DirEntry[str], found: Names) -> None:
     pins: list[str] = []
     own: dict[str, ArtifactId] = {}
+    file = file_pattern(after=_SUFFIX)
     with os.scandir(folder.path) as entries:
         for entry in entries:
-            if match := _FILE.fullmatch(entry.name):
+            if match := file.fullmatch(entry.name):
                 own[entry.name[:-3]] = ArtifactId(folder.name, match["stage"], int(match["version"]))
             elif entry.name == PINS:
                 with _noted(found, f"{folder.name}/{PINS}/", entry.path):

@@ -7,9 +7,8 @@ import re
 from collections.abc import Iterable, Sequence
 
 from skillcli.errors import StoreError, UnknownArtifact
-from skillcli.store.ids import FILE, NAME, ArtifactId
+from skillcli.store.ids import NAME, ArtifactId, file_pattern
 
-_FULL = re.compile(rf"{NAME}/{FILE}", re.ASCII)
 _PREFIX = re.compile(rf"{NAME}(/[a-z0-9-]*)?", re.ASCII)
 _SHOWN = 5
 
@@ -53,7 +52,7 @@ def unknown(text: str, known: Sequence[ArtifactId]) -> UnknownArtifact:
 
 def _candidates(text: str, known: Sequence[ArtifactId]) -> list[ArtifactId]:
     # A complete id or name means itself even where it is also the beginning of another.
-    if _FULL.fullmatch(text):
+    if file_pattern(f"{NAME}/").fullmatch(text):
         return [one for one in known if str(one) == text]
     return [one for one in known if one.name == text] or [one for one in known if str(one).startswith(text)]
 

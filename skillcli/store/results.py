@@ -1,4 +1,4 @@
-"""What the results of each kind hold: the keys that tables, figures and later stages read, with their types.
+"""Whether results are what their kind says: the keys that tables, figures and later stages read, with their types.
 
 More may stand there. What an earlier skill did not write is optional, or comes in by migration.
 """
@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from functools import cache
+from typing import Any, cast, get_args, get_origin
 
-from skillcli.store.artifact import ORIGIN
-from skillcli.store.schema import LARGEST
+from skillcli.store.kinds import kind_spec
+from skillcli.store.kinds.record import Record, Slot, is_record, slots, without_none
+from skillcli.store.kinds.spec import LARGEST
 
 Form = Any
 """A type (int, float, bool, str), a mapping from keys to forms, `ListOf`, `DictOf`, or `Maybe` one of these."""
@@ -45,136 +47,44 @@ class Optional:
     form: Form
 
 
-POINT, INTERVAL = ListOf(float, 3), ListOf(float, 2)
-# null where no episode ended anywhere
-DISTANCES = {
-    **dict.fromkeys(("mean", "median", "p90"), Maybe(float)),
-    **dict.fromkeys(("p10", "p25", "p75"), Optional(Maybe(float))),
-}
-OUTCOME = {
-    "episodes": int,
-    "successes": int,
-    "success_rate": float,
-    "ci95": INTERVAL,
-    "final_distance_m": DISTANCES,
-    "deterministic": Optional(bool),
-    "unstable": Optional(int),
-    "gave_up": Optional(int),
-}
-WORST = {"episode": int, "final_distance_m": Maybe(float), "success": bool, "parameters": DictOf(float)}
-
-_PRETRAIN = {
-    "env_steps": int,
-    "success_rate": float,
-    "skills": ListOf({"name": str, "goal": POINT, "final_distance_m": float, "success_rate": float}),
-    "embedding": {
-        "inference_accuracy": float,
-        "latent_goal_correlation": Maybe(float),
-        "efficiency": Maybe(float),
-    },
-    "randomised": Optional(Maybe({"episodes": int, "success_rate": float, "ci95": INTERVAL, "final_distance_m": DISTANCES})),
-}
-_EMBED_MEANS = {
-    "skills": ListOf({"name": str, "mean": ListOf(float), "std": ListOf(float), "final_distance_m": float}),
-    "halfway": ListOf({
-        "from": str,
-        "to": str,
-        "final_distance_m": float,
-        "moved_m": POINT,
-        "direction_error_deg": Maybe(float),
-        "magnitude_ratio": Maybe(float),
-    }),
-    "latent_goal_correlation": Maybe(float),
-    "efficiency": Maybe(float),
-    "inference_accuracy": float,
-}  # fmt: skip
-_CALIBRATED = {
-    "pair_count": int,
-    **dict.fromkeys(("mean_error", "mean_error_at_half", "mean_off_line_m", "monotone_share"), Maybe(float)),
-}
-_CALIBRATED_PAIR = {
-    "from": str, "to": str, "neighbours": bool, "error": float, "error_at_half": float, "monotone": bool, "off_line_m": float,
-}  # fmt: skip
-_COMPOSE = {
-    "method": str,
-    "task": str,
-    "success": bool,
-    "success_rate": float,
-    "routes": int,
-    "expanded_nodes": int,
-    "simulated_robot_seconds": float,
-    "plan_seconds": float,
-    "segments": ListOf(
-        {"skill": str, "latent": ListOf(float), "seconds": float, "route": int, "latent_end": Optional(ListOf(float))}
-    ),
-    "waypoints": ListOf({"target": POINT, "closest_m": float, "route": int}),
-    "final_distance_m": float,
-    "final_distances_m": ListOf(float),
-    "robot_seconds_with_returns": Optional(float),
-    "waypoints_met": Optional(bool),
-    "violations": Optional(DictOf(int)),
-    "broken": Optional(
-        ListOf({
-            "route": int, "limit": str, "control_steps": int, "seconds": float, "segment": int, "gripper_m": POINT,
-        })
-    ),
-    "on": Optional(str),
-    "robots": Optional(int),
-    "calibration": Optional({
-        **_CALIBRATED, "pairs": ListOf(_CALIBRATED_PAIR), "shares": ListOf(float), "neighbours": _CALIBRATED,
-    }),
-}  # fmt: skip
-_TRANSFER_EVAL = {
-    "source": {
-        "success_rate": float,
-        "episodes": int,
-        "final_distance_m": float,
-        "success_rate_within_limits": Optional(float),
-        "violations": Optional(DictOf(int)),
-    },
-    "domains": ListOf({
-        "name": str,
-        **OUTCOME,
-        "retention": Maybe(float),
-        "parameters": DictOf(str),
-        "gap": Optional(float),
-        "gap_ci95": Optional(INTERVAL),
-        "successes_within_limits": Optional(int),
-        "violations": Optional(DictOf(int)),
-        "replay_error_m": Optional(DISTANCES),
-        "worst": Optional(ListOf(WORST)),
-        "sensitivity": Optional(ListOf({"parameter": str, **OUTCOME})),
-    }),
-    "robot": Optional(Maybe({"file": str, "fingerprint": str})),
-    "replanned": Optional(bool),
-}  # fmt: skip
-
-RESULTS: Mapping[str, Mapping[str, Form]] = {
-    "pretrain": _PRETRAIN,
-    "embed-means": _EMBED_MEANS,
-    "compose": _COMPOSE,
-    "transfer-eval": _TRANSFER_EVAL,
-}
-"""By kind, in the present schema."""
-
-_ORIGIN = {ORIGIN: Optional({"id": str, "content_sha256": str, "command": str})}
-MEASURED: Mapping[str, Mapping[str, Form]] = {
-    "pretrain": {
-        "wall_seconds": float,
-        "throughput": {"env_steps_per_second": float, "sampling_ratio": Maybe(float), "training_ratio": Maybe(float)},
-        **_ORIGIN,
-    },
-    "embed-means": _ORIGIN,
-    "compose": {"planning_seconds": float, **_ORIGIN},
-    "transfer-eval": _ORIGIN,
-}
-"""The same of what was measured on the way."""
-
-
 def complaints(kind: str, results: Mapping[str, Any], measured: Mapping[str, Any]) -> Iterator[str]:
     """What results and measurements lack of what their kind says, one line each."""
-    yield from _against(RESULTS[kind], results, "results")
-    yield from _against(MEASURED[kind], measured, "measured")
+    spec = kind_spec(kind)
+    yield from _against(_form(spec.results), results, "results")
+    yield from _against(_form(spec.measured), measured, "measured")
+
+
+def _form(record: type[Record]) -> Mapping[str, Form]:
+    return _cached_form(cast(Any, record))
+
+
+@cache
+def _cached_form(record: Any) -> Mapping[str, Form]:
+    return {slot.key: _slot_form(slot) for slot in slots(record)}
+
+
+def _slot_form(slot: Slot) -> Form:
+    form = _form_of(slot.hint)
+    form = Maybe(form) if slot.null else form
+    return Optional(form) if slot.optional else form
+
+
+def _form_of(hint: Any) -> Form:
+    inner, null = without_none(hint)
+    return Maybe(_form_of(inner)) if null else _bare_form(inner)
+
+
+def _bare_form(hint: Any) -> Form:
+    if is_record(hint):
+        return _form(hint)
+    if get_origin(hint) is tuple:
+        each, *more = get_args(hint)
+        return ListOf(_form_of(each), 0 if more == [...] else 1 + len(more))
+    if get_origin(hint) is Mapping:
+        return DictOf(_form_of(get_args(hint)[1]))
+    if hint not in _SAID:
+        raise TypeError(f"no results can hold {hint}")
+    return hint
 
 
 def _against(form: Form, found: Any, where: str) -> Iterator[str]:

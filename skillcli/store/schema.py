@@ -1,4 +1,4 @@
-"""What each kind of artifact holds: one line per array with its dimensions, unit, values, and whether it must be there.
+"""Whether arrays are what their kind says: a pattern per array with its dimensions, unit, and whether it must be there.
 
 A pattern's `*` stands for one name, `**` for any path below. Dimensions are named; within a folder the same name means
 the same size, and `step+1` is one more than `step`. `...` stands for any further dimensions.
@@ -8,172 +8,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import PurePosixPath
 
 from skillcli import __version__
 from skillcli.errors import StoreError
+from skillcli.store.kinds import KINDS
+from skillcli.store.kinds.arrays import POSITIONS
+from skillcli.store.kinds.spec import CURVE, Field, Values
 
 Shape = tuple[int, ...]
-
-LARGEST = 1e12  # of what is measured or drawn: metres, radians, seconds, rewards
-
-
-@dataclass(frozen=True)
-class Values:
-    """What an array holds: the kind of its type ("f" floats, "i" signed integers, "b" booleans) and the range.
-
-    Floats are finite unless `gaps` says that some may be missing.
-    """
-
-    kind: str = "f"
-    low: float = -LARGEST
-    high: float = LARGEST
-    of: str = ""  # a dimension, as `sizes` names it, whose size bounds the values
-    margin: int = 0  # its size minus this is the largest
-    gaps: bool = False
-
-
-def index(of: str, *, none: bool = False) -> Values:
-    """Positions along a dimension; -1 for none of them, where that may be."""
-    return Values("i", -1 if none else 0, of=of, margin=1)
-
-
-NUMBER = Values()
-POSITIVE = Values(low=1e-30)
-WEIGHT = Values(low=-float("inf"), high=float("inf"))
-CURVE = Values(low=-float("inf"), high=float("inf"), gaps=True)
-TRUTH = Values("b")
-COUNT = Values("i", 0)
-
-
-@dataclass(frozen=True)
-class Field:
-    """One array, or the arrays that fit one pattern."""
-
-    dimensions: str  # comma separated
-    unit: str = ""
-    required: bool = True
-    values: Values = NUMBER
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A kind of artifact.
-
-    Attributes:
-        version: of its schema.
-        made_from: the kinds that its one parent may have; empty where it has no parent.
-        fields: by pattern, the more special pattern first.
-    """
-
-    version: int
-    fields: Mapping[str, Field]
-    made_from: tuple[str, ...] = ()
-
 
 FIXED = {"xyz": 3, "xy": 2, "pose": 7, "bound": 2, "member": 2}
 SHARED = {"skill", "latent"}  # mean the same in every folder of a file
 FREE = {"iteration"}  # every curve may have its own pace
-
-POSITIONS = {
-    "trajectories/joint_position": Field("episode,step+1,joint", "rad", required=False),
-    "trajectories/gripper_position": Field("episode,step+1,xyz", "m", required=False),
-    "trajectories/object_pose": Field("episode,step+1,pose", "m", required=False),
-    "trajectories/position": Field("episode,step+1,xy", "m", required=False),
-}
-TRAJECTORIES = {
-    "trajectories/time": Field("step+1", "s"),
-    "trajectories/latent": Field("episode,step,latent"),
-    "trajectories/skill": Field("episode,step", values=index("skill", none=True)),
-    "trajectories/action": Field("episode,step,action", "rad or m"),
-    "trajectories/reward": Field("episode,step"),
-    "trajectories/target": Field("episode,xyz", "m"),
-    "trajectories/success": Field("episode", values=TRUTH),
-    "trajectories/length": Field("episode", "step", values=Values("i", 1, of="trajectories: step")),
-    "trajectories/violations": Field("episode,limit", "step", required=False, values=COUNT),
-    "trajectories/unstable": Field("episode", required=False, values=TRUTH),
-    "trajectories/gave_up": Field("episode", required=False, values=TRUTH),
-    "trajectories/judged_position": Field("episode,step+1,xyz", "m", required=False),
-    **POSITIONS,
-}
-EMBEDDING = {
-    "embedding/mean": Field("skill,latent"),
-    "embedding/std": Field("skill,latent", values=POSITIVE),
-    "skills/goal": Field("skill,xyz", "m"),
-}
-
-KINDS: Mapping[str, Kind] = {
-    "pretrain": Kind(
-        1,
-        {
-            "weights/**": Field("...", values=WEIGHT),
-            "curves/**": Field("iteration", values=CURVE),
-            "evaluation/final_distance": Field("skill,sample", "m"),
-            "evaluation/latent": Field("skill,sample,latent"),
-            "evaluation/inferred": Field("skill,sample,latent"),
-            **EMBEDDING,
-            **TRAJECTORIES,
-        },
-    ),
-    "embed-means": Kind(
-        2,
-        {
-            "embedding/bounds": Field("bound,latent"),
-            "embedding/latent_distance": Field("skill,skill"),
-            "embedding/goal_distance": Field("skill,skill", "m"),
-            "halfway/pair": Field("pair,member", values=index("skill")),
-            **EMBEDDING,
-            **TRAJECTORIES,
-        },
-        made_from=("pretrain",),
-    ),
-    "compose": Kind(
-        2,
-        {
-            "plan/latent": Field("segment,latent"),
-            "plan/seconds": Field("segment", "s", values=POSITIVE),
-            "plan/skill": Field("segment", values=index("skill", none=True)),
-            "plan/route": Field("segment", values=index("trajectories: episode")),
-            "plan/latent_end": Field("segment,latent", required=False),
-            "waypoints/target": Field("waypoint,xyz", "m"),
-            "waypoints/closest": Field("waypoint", "m"),
-            "waypoints/route": Field("waypoint", values=index("trajectories: episode")),
-            "calibration/pair": Field("pair,member", required=False, values=index("skill")),
-            "calibration/share": Field("share", required=False),
-            "calibration/end": Field("pair,share,xyz", "m", required=False),
-            "robots/*": Field("robot,...", required=False),
-            "composer/**": Field("...", required=False, values=WEIGHT),
-            "curves/**": Field("iteration", required=False, values=CURVE),
-            **TRAJECTORIES,
-        },
-        made_from=("embed-means", "pretrain"),
-    ),
-    "transfer-eval": Kind(
-        1,
-        {
-            "domains/*/*": Field("episode,...", required=False),
-            "episodes/domain": Field("episode", values=COUNT),
-            "episodes/final_distance": Field("episode", "m"),
-            "episodes/replay_error": Field("episode", "m", required=False),
-            "episodes/return": Field("episode"),
-            "episodes/*": Field("episode,...", required=False),
-            **TRAJECTORIES,
-        },
-        made_from=("compose", "embed-means", "pretrain"),
-    ),
-}
-
-
-def check_kind(kind: str, label: str) -> None:
-    """Refuse a kind that is not in the table; `label` says in the message whose it is.
-
-    Raises:
-        StoreError: it is not.
-    """
-    if kind not in KINDS:
-        raise StoreError(f"{label} is of an unknown kind, {kind!r}", f"this skill knows {', '.join(KINDS)}")
 
 
 def check_parents(kind: str, parents: Sequence[str], label: str) -> None:
@@ -235,7 +83,7 @@ def refuse(problems: Sequence[str], label: str) -> None:
     """
     if problems:
         more = f" and {len(problems) - 3} more" if len(problems) > 3 else ""
-        raise StoreError(f"{label}: {'; '.join(problems[:3])}{more}", "skillcli/store/schema.py lists what it holds")
+        raise StoreError(f"{label}: {'; '.join(problems[:3])}{more}", "skillcli/store/kinds lists what it holds")
 
 
 def sizes(kind: str, shapes: Mapping[str, Shape]) -> dict[str, int]:

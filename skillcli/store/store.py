@@ -13,7 +13,8 @@ from skillcli.errors import StoreError, UnknownArtifact
 from skillcli.store import atomic, codec, container, listing, pins, schema
 from skillcli.store.artifact import Artifact, Draft, Header, Parent, Unreadable, content_hash
 from skillcli.store.atomic import storage_errors
-from skillcli.store.ids import STAGES, ArtifactId, check_name
+from skillcli.store.ids import ArtifactId, check_name
+from skillcli.store.kinds import KINDS, kind_spec
 from skillcli.store.listing import Listing
 from skillcli.store.lock import locked
 from skillcli.store.migrate import migrated
@@ -124,7 +125,7 @@ class Store:
         folder = self.root / check_name(name)
         atomic.try_writing(folder)
         with storage_errors(f"list {folder}"):
-            for stage in STAGES:
+            for stage in KINDS:
                 atomic.next_version(folder, stage)
 
     def path(self, artifact_id: ArtifactId) -> Path:
@@ -210,7 +211,7 @@ class Store:
         """
         if not inputs_sha256:
             return []
-        version = schema.KINDS[kind].version
+        version = kind_spec(kind).version
         wanted = (kind, version, inputs_sha256)
         same = [one for one in self.headers() if (one.kind, one.schema_version, one.inputs_sha256) == wanted]
         return [one.id for one in reversed(same) if name in (None, one.id.name)]

@@ -14,11 +14,12 @@ import numpy as np
 
 from skillcli.store import schema
 from skillcli.store.artifact import Array, Artifact
+from skillcli.store.kinds import KINDS
+from skillcli.store.kinds.spec import Values
 from skillcli.store.migrate import brought_up
 from skillcli.store.results import complaints
 from skillcli.trajectories import SAFETY_LIMITS
 
-_ROUNDING = 1e-9
 _NOTED = 20  # of what is wrong: the first few are said
 
 
@@ -45,7 +46,7 @@ def _problems(artifact: Artifact, arrays: Mapping[str, Array], results: Mapping[
         yield from _clock(arrays["trajectories/time"])
         if any(curve.size == 0 for path, curve in arrays.items() if path.startswith("curves/")):
             yield "a curve has no points"
-        yield from _PARTS[kind](arrays, results, sizes)
+        yield from KINDS[kind].check(arrays, results, sizes)
 
 
 def _empty(sizes: Mapping[str, int]) -> Iterator[str]:
@@ -72,7 +73,7 @@ def _is_of(array: Array, kind: str) -> bool:
     return array.dtype.kind == kind and (kind == "b" or array.dtype.itemsize in (4, 8))
 
 
-def _out_of_range(path: str, array: Array, values: schema.Values, sizes: Mapping[str, int]) -> Iterator[str]:
+def _out_of_range(path: str, array: Array, values: Values, sizes: Mapping[str, int]) -> Iterator[str]:
     if values.gaps:
         return
     low, high = array.min(), array.max()  # NaN where there is one
@@ -87,71 +88,3 @@ def _out_of_range(path: str, array: Array, values: schema.Values, sizes: Mapping
 def _clock(time: Array) -> Iterator[str]:
     if time[0] != 0 or not (np.diff(time) > 0).all():
         yield "trajectories/time does not begin at 0 and grow"
-
-
-def _pretrain(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Mapping[str, int]) -> Iterator[str]:
-    yield from _counted("results.skills", results["skills"], sizes["skill"])
-    if sizes["trajectories: episode"] % sizes["skill"]:
-        yield f"{sizes['trajectories: episode']} episodes are not as many for each of {sizes['skill']} skills"
-    if sizes["evaluation: sample"] == 0:
-        yield "evaluation/latent has no samples"
-
-
-def _embed_means(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Mapping[str, int]) -> Iterator[str]:
-    pairs = len(arrays["halfway/pair"])
-    yield from _counted("results.skills", results["skills"], sizes["skill"])
-    yield from _counted("results.halfway", results["halfway"], pairs)
-    if sizes["trajectories: episode"] != sizes["skill"] + pairs:
-        yield f"{sizes['trajectories: episode']} episodes are not one for each of {sizes['skill']} skills and {pairs} pairs"
-    for skill in results["skills"]:
-        yield from _counted("a mean in the results", skill["mean"], sizes["latent"])
-        yield from _counted("a std in the results", skill["std"], sizes["latent"])
-
-
-def _compose(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Mapping[str, int]) -> Iterator[str]:
-    routes = sizes["trajectories: episode"]
-    for path in ("plan/route", "waypoints/route"):
-        if not np.array_equal(np.unique(arrays[path]), np.arange(routes)) or (np.diff(arrays[path]) < 0).any():
-            yield f"{path} does not name each of {routes} routes in order"
-    for name, wanted in (("segments", sizes["plan: segment"]), ("waypoints", sizes["waypoints: waypoint"])):
-        yield from _counted(f"results.{name}", results[name], wanted)
-    yield from _counted("results.final_distances_m", results["final_distances_m"], routes)
-    if results["routes"] != routes:
-        yield f"results.routes is {results['routes']}, there are {routes}"
-    said = [*results["segments"], *results["waypoints"], *results.get("broken", ())]
-    if not all(0 <= each["route"] < routes for each in said):
-        yield "the results name a route that there is not"
-
-
-def _transfer_eval(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Mapping[str, int]) -> Iterator[str]:
-    domains = results["domains"]
-    names, episodes = [domain["name"] for domain in domains], [domain["episodes"] for domain in domains]
-    total = sizes["trajectories: episode"]
-    if not names or len(set(names)) < len(names) or not all(count > 0 for count in episodes) or sum(episodes) != total:
-        yield f"results.domains does not divide {total} episodes among domains of different names"
-    elif not np.array_equal(arrays["episodes/domain"], np.repeat(np.arange(len(names)), episodes)):
-        yield "episodes/domain is not as results.domains says"
-    drawn = dict(zip(names, episodes, strict=True))
-    for path in arrays:
-        if path.startswith("domains/"):
-            name = path.split("/")[1]
-            if len(arrays[path]) != drawn.get(name, -1):
-                yield f"{path} has {len(arrays[path])} episodes, results.domains has {drawn.get(name, 'none')}"
-    for domain in domains:
-        if not 0 <= domain["successes"] <= domain["episodes"]:
-            yield f"{domain['successes']} of {domain['episodes']} episodes succeed"
-        low, high = domain["ci95"]
-        if not 0 <= low <= domain["success_rate"] + _ROUNDING <= high + 2 * _ROUNDING <= 1 + 3 * _ROUNDING:
-            yield f"the success rate {domain['success_rate']:g} and its interval {low:g} to {high:g} contradict each other"
-        if not all(0 <= each["episode"] < total for each in domain.get("worst", ())):
-            yield "results.domains names an episode that there is not"
-    if results["source"]["episodes"] < 1:
-        yield "results.source has no episodes"
-
-
-def _counted(what: str, found: list[Any], wanted: int) -> Iterator[str]:
-    if len(found) != wanted:
-        yield f"{what} has {len(found)} entries, expected {wanted}"
-
-
-_PARTS = {"pretrain": _pretrain, "embed-means": _embed_means, "compose": _compose, "transfer-eval": _transfer_eval}

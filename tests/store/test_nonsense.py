@@ -12,8 +12,9 @@ from forge import forge
 
 from skillcli.errors import StoreError
 from skillcli.store import STAGES, ArtifactId, Draft, Store, import_file
-from skillcli.store.results import MEASURED, RESULTS
-from skillcli.store.schema import KINDS, check_parents
+from skillcli.store.kinds import KINDS
+from skillcli.store.kinds.record import Measured, Record, slots
+from skillcli.store.schema import check_parents
 
 Make = Callable[..., Draft]
 
@@ -186,7 +187,9 @@ def test_much_that_is_wrong_is_said_in_short(store: Store, make: Make) -> None:
 
 
 def test_there_is_a_table_of_results_for_every_kind() -> None:
-    assert RESULTS.keys() == MEASURED.keys() == KINDS.keys() == set(STAGES)
+    assert KINDS.keys() == set(STAGES)
+    assert all(issubclass(spec.results, Record) and issubclass(spec.measured, Measured) for spec in KINDS.values())
+    assert all(slots(spec.results) for spec in KINDS.values())
 
 
 @pytest.mark.parametrize(

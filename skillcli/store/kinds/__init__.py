@@ -1,0 +1,63 @@
+"""Kinds of artifacts, one module each; what else belongs to them, such as tables and figures, is registered `ByKind`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar
+
+from skillcli.errors import StoreError
+from skillcli.store.kinds.compose import COMPOSE
+from skillcli.store.kinds.embed_means import EMBED_MEANS
+from skillcli.store.kinds.pretrain import PRETRAIN
+from skillcli.store.kinds.spec import KindSpec
+from skillcli.store.kinds.transfer_eval import TRANSFER_EVAL
+
+__all__ = ["COMPOSE", "EMBED_MEANS", "KINDS", "PRETRAIN", "TRANSFER_EVAL", "AnyKind", "ByKind", "KindSpec", "kind_spec"]
+
+AnyKind = KindSpec[Any, Any]
+T = TypeVar("T")
+
+KINDS: dict[str, AnyKind] = {spec.name: spec for spec in (PRETRAIN, EMBED_MEANS, COMPOSE, TRANSFER_EVAL)}
+"""By name, in the order in which a chain makes them."""
+
+
+def kind_spec(kind: str, label: str = "it") -> AnyKind:
+    """The spec of a kind; `label` says in the message whose it is.
+
+    Raises:
+        StoreError: there is no such kind.
+    """
+    if kind not in KINDS:
+        raise StoreError(f"{label} is of an unknown kind, {kind!r}", f"this skill knows {', '.join(KINDS)}")
+    return KINDS[kind]
+
+
+class ByKind(Generic[T]):
+    """What belongs to some kinds of artifacts and is kept elsewhere, where the store cannot see it."""
+
+    def __init__(self, what: str) -> None:
+        self._what = what
+        self._known: dict[str, T] = {}
+
+    def register(self, *specs: AnyKind) -> Callable[[T], T]:
+        """Mark what is defined next as that of these kinds."""
+
+        def marked(found: T) -> T:
+            self._known |= dict.fromkeys((spec.name for spec in specs), found)
+            return found
+
+        return marked
+
+    def __contains__(self, kind: str) -> bool:
+        """Whether a kind has one."""
+        return kind in self._known
+
+    def of(self, kind: str) -> T:
+        """That of a kind.
+
+        Raises:
+            StoreError: it has none.
+        """
+        if kind not in self._known:
+            raise StoreError(f"there is no {self._what} of {kind}", f"there is one of {', '.join(self._known) or 'nothing'}")
+        return self._known[kind]

@@ -1,0 +1,183 @@
+"""A composition: the plan, the waypoints it had to meet, and how it went where it was planned."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from skillcli.store.kinds.arrays import TRAJECTORIES
+from skillcli.store.kinds.embed_means import EMBED_MEANS
+from skillcli.store.kinds.pretrain import PRETRAIN
+from skillcli.store.kinds.record import Measured, Point, Record, unsaid
+from skillcli.store.kinds.spec import (
+    CURVE,
+    POSITIVE,
+    WEIGHT,
+    Array,
+    Arrays,
+    Field,
+    KindSpec,
+    Results,
+    Sizes,
+    counted,
+    divided,
+    index,
+)  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedSegment(Record):
+    """One latent, or a blend of two, for some time."""
+
+    skill: str
+    latent: tuple[float, ...]
+    seconds: float
+    route: int
+    latent_end: tuple[float, ...] | None = unsaid(None)  # of a blend
+
+
+@dataclass(frozen=True, kw_only=True)
+class Waypoint(Record):
+    """One place to be met."""
+
+    target: Point
+    closest_m: float
+    route: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class BrokenLimit(Record):
+    """A safety limit that one route breaks: for how long, and where first."""
+
+    route: int
+    limit: str
+    control_steps: int
+    seconds: float
+    segment: int
+    gripper_m: Point
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibrated(Record):
+    """How far latents between two skills lead, against their share; None without pairs."""
+
+    pair_count: int
+    mean_error: float | None
+    mean_error_at_half: float | None
+    mean_off_line_m: float | None
+    monotone_share: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibratedPair(Record):
+    """The same of one pair."""
+
+    from_: str
+    to: str
+    neighbours: bool
+    error: float
+    error_at_half: float
+    monotone: bool
+    off_line_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationResults(Calibrated):
+    """Every pair, all pairs together, and the neighbours among them."""
+
+    pairs: tuple[CalibratedPair, ...]
+    shares: tuple[float, ...]
+    neighbours: Calibrated
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComposeResults(Record):
+    """What a composition found out."""
+
+    method: str
+    task: str  # a named composition, or "goals"
+    success: bool  # every route meets its waypoints and breaks no limit
+    success_rate: float
+    routes: int
+    expanded_nodes: int
+    simulated_robot_seconds: float
+    robot_seconds_with_returns: float | None = unsaid(None)
+    plan_seconds: float
+    segments: tuple[PlannedSegment, ...]
+    waypoints: tuple[Waypoint, ...]
+    final_distance_m: float  # the worst
+    final_distances_m: tuple[float, ...]  # of each route
+    waypoints_met: bool | None = unsaid(None)  # whatever the limits; None: nobody asked
+    violations: Mapping[str, int] = unsaid({})  # control steps beyond each limit that is broken; none were known
+    broken: tuple[BrokenLimit, ...] = unsaid(())
+    on: str = unsaid("")  # the domain that was planned on, "" for the simulation
+    robots: int = unsaid(1)  # that every latent was tried on
+    calibration: CalibrationResults | None = unsaid(None)  # of interpolations
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComposeMeasured(Measured):
+    """What planning took."""
+
+    planning_seconds: float
+
+
+def _check(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Sizes) -> Iterator[str]:
+    routes = sizes["trajectories: episode"]
+    for path in ("plan/route", "waypoints/route"):
+        if not divided(arrays, path, routes):
+            yield f"{path} does not name each of {routes} routes in order"
+    for name, wanted in (("segments", sizes["plan: segment"]), ("waypoints", sizes["waypoints: waypoint"])):
+        yield from counted(f"results.{name}", results[name], wanted)
+    yield from counted("results.final_distances_m", results["final_distances_m"], routes)
+    if results["routes"] != routes:
+        yield f"results.routes is {results['routes']}, there are {routes}"
+    said = [*results["segments"], *results["waypoints"], *results.get("broken", ())]
+    if not all(0 <= each["route"] < routes for each in said):
+        yield "the results name a route that there is not"
+
+
+def _from_1(arrays: Arrays, results: Results) -> tuple[Arrays, Results]:
+    """Version 2 has several routes, each run from the start; before, there was one."""
+    routes = {
+        f"{folder}/route": np.zeros(len(arrays[field]), dtype=np.int64)
+        for folder, field in (("plan", "plan/latent"), ("waypoints", "waypoints/target"))
+    }
+    routed = {part: [{**entry, "route": 0} for entry in results.get(part, [])] for part in ("segments", "waypoints")}
+    added = {
+        "routes": 1,
+        "success_rate": float(arrays["trajectories/success"].mean()),
+        "final_distances_m": [results["final_distance_m"]],
+    }
+    return {**arrays, **routes}, {**results, **routed, **added}
+
+
+COMPOSE = KindSpec(
+    name="compose",
+    version=2,
+    fields={
+        "plan/latent": Field("segment,latent"),
+        "plan/seconds": Field("segment", "s", values=POSITIVE),
+        "plan/skill": Field("segment", values=index("skill", none=True)),
+        "plan/route": Field("segment", values=index("trajectories: episode")),
+        "plan/latent_end": Field("segment,latent", required=False),
+        "waypoints/target": Field("waypoint,xyz", "m"),
+        "waypoints/closest": Field("waypoint", "m"),
+        "waypoints/route": Field("waypoint", values=index("trajectories: episode")),
+        "calibration/pair": Field("pair,member", required=False, values=index("skill")),
+        "calibration/share": Field("share", required=False),
+        "calibration/end": Field("pair,share,xyz", "m", required=False),
+        "robots/*": Field("robot,...", required=False),
+        "composer/**": Field("...", required=False, values=WEIGHT),
+        "curves/**": Field("iteration", required=False, values=CURVE),
+        **TRAJECTORIES,
+    },
+    results=ComposeResults,
+    measured=ComposeMeasured,
+    made_from=(EMBED_MEANS.name, PRETRAIN.name),
+    check=_check,
+    migrations={1: _from_1},
+)

@@ -1,0 +1,82 @@
+"""Mean latents of skills: how well they are separated, what each does, and what the mean of two does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from skillcli.store.kinds.arrays import EMBEDDING, TRAJECTORIES
+from skillcli.store.kinds.pretrain import PRETRAIN
+from skillcli.store.kinds.record import Measured, Point, Record
+from skillcli.store.kinds.spec import Array, Arrays, Field, KindSpec, Results, Sizes, counted, index
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeanSkill(Record):
+    """One skill at its mean latent."""
+
+    name: str
+    mean: tuple[float, ...]
+    std: tuple[float, ...]
+    final_distance_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Halfway(Record):
+    """The mean of two neighbouring latents, against going half-way between the two goals."""
+
+    from_: str
+    to: str
+    final_distance_m: float  # from half-way between the goals
+    moved_m: Point
+    direction_error_deg: float | None
+    magnitude_ratio: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class EmbedMeansResults(Record):
+    """What the mean latents are worth; None where it is undefined."""
+
+    skills: tuple[MeanSkill, ...]
+    halfway: tuple[Halfway, ...]
+    latent_goal_correlation: float | None
+    efficiency: float | None
+    inference_accuracy: float
+
+
+def _check(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Sizes) -> Iterator[str]:
+    pairs = len(arrays["halfway/pair"])
+    yield from counted("results.skills", results["skills"], sizes["skill"])
+    yield from counted("results.halfway", results["halfway"], pairs)
+    if sizes["trajectories: episode"] != sizes["skill"] + pairs:
+        yield f"{sizes['trajectories: episode']} episodes are not one for each of {sizes['skill']} skills and {pairs} pairs"
+    for skill in results["skills"]:
+        yield from counted("a mean in the results", skill["mean"], sizes["latent"])
+        yield from counted("a std in the results", skill["std"], sizes["latent"])
+
+
+def _from_1(arrays: Arrays, results: Results) -> tuple[Arrays, Results]:
+    """Version 2 also plays the latents half-way between two skills; the older had none."""
+    return {**arrays, "halfway/pair": np.zeros((0, 2), dtype=np.int64)}, {**results, "halfway": []}
+
+
+EMBED_MEANS = KindSpec(
+    name="embed-means",
+    version=2,
+    fields={
+        "embedding/bounds": Field("bound,latent"),
+        "embedding/latent_distance": Field("skill,skill"),
+        "embedding/goal_distance": Field("skill,skill", "m"),
+        "halfway/pair": Field("pair,member", values=index("skill")),
+        **EMBEDDING,
+        **TRAJECTORIES,
+    },
+    results=EmbedMeansResults,
+    measured=Measured,
+    made_from=(PRETRAIN.name,),
+    check=_check,
+    migrations={1: _from_1},
+)

@@ -1,0 +1,33 @@
+"""How episodes ended, as several kinds of artifacts say it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from skillcli.store.kinds.record import Interval, Record, unsaid
+
+
+@dataclass(frozen=True, kw_only=True)
+class Distances(Record):
+    """Final distances of episodes, m; None where no episode ended anywhere."""
+
+    mean: float | None
+    p10: float | None = unsaid(None, null=True)
+    p25: float | None = unsaid(None, null=True)
+    median: float | None
+    p75: float | None = unsaid(None, null=True)
+    p90: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome(Record):
+    """How often episodes succeed, and where they end."""
+
+    episodes: int
+    successes: int
+    success_rate: float
+    ci95: Interval
+    deterministic: bool = unsaid(False)  # every episode would be the same: the interval has no width
+    unstable: int = unsaid(0)  # episodes in which the simulation came apart
+    gave_up: int = unsaid(0)  # episodes planned again that ended away from their goal
+    final_distance_m: Distances

@@ -1,0 +1,98 @@
+"""Trained skills: their weights, their latents, and what they are worth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from skillcli.store.kinds.arrays import EMBEDDING, TRAJECTORIES
+from skillcli.store.kinds.outcome import Distances
+from skillcli.store.kinds.record import Interval, Measured, Point, Record, unsaid
+from skillcli.store.kinds.spec import CURVE, WEIGHT, Array, Field, KindSpec, Sizes, counted
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainedSkill(Record):
+    """One skill."""
+
+    name: str
+    goal: Point
+    final_distance_m: float  # at the mean latent
+    success_rate: float  # over sampled latents
+
+
+@dataclass(frozen=True, kw_only=True)
+class EmbeddingQuality(Record):
+    """How well the skills are told apart; None where it is undefined."""
+
+    inference_accuracy: float
+    latent_goal_correlation: float | None
+    efficiency: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Randomised(Record):
+    """The mean latents on robots and from starts as varied as in training."""
+
+    episodes: int
+    success_rate: float
+    ci95: Interval
+    final_distance_m: Distances
+
+
+@dataclass(frozen=True, kw_only=True)
+class PretrainResults(Record):
+    """What a training found out."""
+
+    env_steps: int
+    success_rate: float
+    skills: tuple[TrainedSkill, ...]
+    embedding: EmbeddingQuality
+    randomised: Randomised | None = unsaid(None, null=True)  # None: nothing was varied
+
+
+@dataclass(frozen=True, kw_only=True)
+class Throughput(Record):
+    """Control steps per second, and shares of what the bare engine does; None where it was not measured."""
+
+    env_steps_per_second: float
+    sampling_env_steps_per_second: float | None = unsaid(None, null=True)
+    physics_limit_env_steps_per_second: float | None = unsaid(None, null=True)
+    sampling_ratio: float | None
+    training_ratio: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PretrainMeasured(Measured):
+    """What a training took."""
+
+    wall_seconds: float
+    peak_memory_mb: float | None = unsaid(None, null=True)
+    throughput: Throughput
+
+
+def _check(_arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Sizes) -> Iterator[str]:
+    yield from counted("results.skills", results["skills"], sizes["skill"])
+    if sizes["trajectories: episode"] % sizes["skill"]:
+        yield f"{sizes['trajectories: episode']} episodes are not as many for each of {sizes['skill']} skills"
+    if sizes["evaluation: sample"] == 0:
+        yield "evaluation/latent has no samples"
+
+
+PRETRAIN = KindSpec(
+    name="pretrain",
+    version=1,
+    fields={
+        "weights/**": Field("...", values=WEIGHT),
+        "curves/**": Field("iteration", values=CURVE),
+        "evaluation/final_distance": Field("skill,sample", "m"),
+        "evaluation/latent": Field("skill,sample,latent"),
+        "evaluation/inferred": Field("skill,sample,latent"),
+        **EMBEDDING,
+        **TRAJECTORIES,
+    },
+    results=PretrainResults,
+    measured=PretrainMeasured,
+    check=_check,
+)

@@ -1,0 +1,139 @@
+"""What a kind of artifact is: its schema, its parents, its arrays, its results and what has to agree in them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skillcli.errors import StoreError
+from skillcli.store.kinds.record import Measured, Record
+
+if TYPE_CHECKING:
+    from skillcli.store.artifact import Artifact
+
+Array = NDArray[Any]
+Arrays = dict[str, Array]
+Results = dict[str, Any]
+Sizes = Mapping[str, int]
+Step = Callable[[Arrays, Results], tuple[Arrays, Results]]
+R = TypeVar("R", bound=Record)
+M = TypeVar("M", bound=Measured)
+
+LARGEST = 1e12  # of what is measured or drawn: metres, radians, seconds, rewards
+
+
+@dataclass(frozen=True)
+class Values:
+    """What an array holds: the kind of its type ("f" floats, "i" signed integers, "b" booleans) and the range.
+
+    Floats are finite unless `gaps` says that some may be missing.
+    """
+
+    kind: str = "f"
+    low: float = -LARGEST
+    high: float = LARGEST
+    of: str = ""  # a dimension, as `sizes` names it, whose size bounds the values
+    margin: int = 0  # its size minus this is the largest
+    gaps: bool = False
+
+
+def index(of: str, *, none: bool = False) -> Values:
+    """Positions along a dimension; -1 for none of them, where that may be."""
+    return Values("i", -1 if none else 0, of=of, margin=1)
+
+
+NUMBER = Values()
+POSITIVE = Values(low=1e-30)
+WEIGHT = Values(low=-float("inf"), high=float("inf"))
+CURVE = Values(low=-float("inf"), high=float("inf"), gaps=True)
+TRUTH = Values("b")
+COUNT = Values("i", 0)
+
+
+@dataclass(frozen=True)
+class Field:
+    """One array, or the arrays that fit one pattern."""
+
+    dimensions: str  # comma separated
+    unit: str = ""
+    required: bool = True
+    values: Values = NUMBER
+
+
+def nothing_more(_arrays: Mapping[str, Array], _results: Mapping[str, Any], _sizes: Sizes) -> Iterator[str]:
+    """Of a kind in which nothing has to agree beyond types, ranges and shapes."""
+    yield from ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class KindSpec(Generic[R, M]):
+    """A kind of artifact.
+
+    Attributes:
+        name: of the kind and of the stage that writes it; the second part of an id.
+        version: of its schema.
+        fields: its arrays by pattern, the more special pattern first.
+        results: what was found out; part of the content hash.
+        measured: what differs from run to run, such as seconds.
+        made_from: the kinds that its one parent may have, the usual one first; empty where it has no parent.
+        check: what does not agree in arrays, results and sizes that have the right types, one line each.
+        migrations: from which version of the schema each function leads to the next.
+    """
+
+    name: str
+    version: int
+    fields: Mapping[str, Field]
+    results: type[R]
+    measured: type[M]
+    made_from: tuple[str, ...] = ()
+    check: Callable[[Mapping[str, Array], Mapping[str, Any], Sizes], Iterator[str]] = nothing_more
+    migrations: Mapping[int, Step] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        """Its name."""
+        return self.name
+
+    def holds(self, folder: str) -> bool:
+        """Whether every artifact of this kind has arrays in a folder, such as "weights"."""
+        return any(pattern.startswith(f"{folder}/") and each.required for pattern, each in self.fields.items())
+
+    def is_kind_of(self, artifact: Artifact) -> bool:
+        """Whether an artifact is of this kind."""
+        return artifact.kind == self.name
+
+    def results_of(self, artifact: Artifact) -> R:
+        """What an artifact of this kind found out.
+
+        Raises:
+            StoreError: it is of another kind.
+        """
+        self._refuse_others(artifact)
+        return self.results.read(artifact.results)
+
+    def measured_of(self, artifact: Artifact) -> M:
+        """What was measured on the way to an artifact of this kind.
+
+        Raises:
+            StoreError: it is of another kind.
+        """
+        self._refuse_others(artifact)
+        return self.measured.read(artifact.measured)
+
+    def _refuse_others(self, artifact: Artifact) -> None:
+        if not self.is_kind_of(artifact):
+            raise StoreError(f"{artifact.id} is of kind {artifact.kind}, expected {self.name}", "give another one")
+
+
+def counted(what: str, found: list[Any], wanted: int) -> Iterator[str]:
+    """Complain about a list that has not as many entries as it should."""
+    if len(found) != wanted:
+        yield f"{what} has {len(found)} entries, expected {wanted}"
+
+
+def divided(arrays: Mapping[str, Array], path: str, parts: int) -> bool:
+    """Whether an array of indices names each of so many parts, in order."""
+    return np.array_equal(np.unique(arrays[path]), np.arange(parts)) and not (np.diff(arrays[path]) < 0).any()

@@ -1,0 +1,138 @@
+"""A transfer: a composition, or bare skills, on robots that differ from the simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from skillcli.store.kinds.arrays import TRAJECTORIES
+from skillcli.store.kinds.compose import COMPOSE
+from skillcli.store.kinds.embed_means import EMBED_MEANS
+from skillcli.store.kinds.outcome import Distances, Outcome
+from skillcli.store.kinds.pretrain import PRETRAIN
+from skillcli.store.kinds.record import Interval, Measured, Record, rest, unsaid
+from skillcli.store.kinds.spec import COUNT, Array, Field, KindSpec, Sizes
+
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True)
+class SourceResults(Record):
+    """The same in the simulation that was planned on."""
+
+    success_rate: float
+    episodes: int
+    final_distance_m: float
+    success_rate_within_limits: float | None = unsaid(None)
+    violations: Mapping[str, int] = unsaid({})  # episodes beyond each limit; none were known
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorstEpisode(Record):
+    """An episode that ended far off."""
+
+    episode: int  # of the whole recording
+    final_distance_m: float | None  # None: its simulation came apart
+    success: bool
+    parameters: Mapping[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Alone(Outcome):
+    """A domain with one of its parameters alone."""
+
+    parameter: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class DomainResults(Outcome):
+    """One domain against the source."""
+
+    name: str
+    retention: float | None  # target success over source success; None where that is zero
+    gap: float | None = unsaid(None)  # source success minus target success
+    gap_ci95: Interval | None = unsaid(None)
+    successes_within_limits: int | None = unsaid(None)
+    violations: Mapping[str, int] = unsaid({})  # episodes beyond each limit; none were known
+    replay_error_m: Distances | None = unsaid(None)
+    worst: tuple[WorstEpisode, ...] = unsaid(())  # the farthest first
+    parameters: Mapping[str, str]
+    sensitivity: tuple[Alone, ...] | None = unsaid(None)  # None: not asked for
+
+
+@dataclass(frozen=True, kw_only=True)
+class TargetRobot(Record):
+    """Another robot that episodes ran on."""
+
+    file: str
+    fingerprint: str
+    more: Mapping[str, Any] = rest()
+
+
+@dataclass(frozen=True, kw_only=True)
+class TransferEvalResults(Record):
+    """What a transfer found out."""
+
+    source: SourceResults
+    domains: tuple[DomainResults, ...]
+    robot: TargetRobot | None = unsaid(None, null=True)  # None: the source's
+    replanned: bool = unsaid(False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TransferEvalMeasured(Measured):
+    """What planning again took."""
+
+    seconds_per_plan: float | None = unsaid(None)
+
+
+def _check(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Sizes) -> Iterator[str]:
+    domains = results["domains"]
+    names, episodes = [domain["name"] for domain in domains], [domain["episodes"] for domain in domains]
+    total = sizes["trajectories: episode"]
+    if not names or len(set(names)) < len(names) or not all(count > 0 for count in episodes) or sum(episodes) != total:
+        yield f"results.domains does not divide {total} episodes among domains of different names"
+    elif not np.array_equal(arrays["episodes/domain"], np.repeat(np.arange(len(names)), episodes)):
+        yield "episodes/domain is not as results.domains says"
+    drawn = dict(zip(names, episodes, strict=True))
+    for path in arrays:
+        if path.startswith("domains/"):
+            name = path.split("/")[1]
+            if len(arrays[path]) != drawn.get(name, -1):
+                yield f"{path} has {len(arrays[path])} episodes, results.domains has {drawn.get(name, 'none')}"
+    for domain in domains:
+        yield from _check_domain(domain, total)
+    if results["source"]["episodes"] < 1:
+        yield "results.source has no episodes"
+
+
+def _check_domain(domain: Mapping[str, Any], total: int) -> Iterator[str]:
+    if not 0 <= domain["successes"] <= domain["episodes"]:
+        yield f"{domain['successes']} of {domain['episodes']} episodes succeed"
+    low, high = domain["ci95"]
+    if not 0 <= low <= domain["success_rate"] + _ROUNDING <= high + 2 * _ROUNDING <= 1 + 3 * _ROUNDING:
+        yield f"the success rate {domain['success_rate']:g} and its interval {low:g} to {high:g} contradict each other"
+    if not all(0 <= each["episode"] < total for each in domain.get("worst", ())):
+        yield "results.domains names an episode that there is not"
+
+
+TRANSFER_EVAL = KindSpec(
+    name="transfer-eval",
+    version=1,
+    fields={
+        "domains/*/*": Field("episode,...", required=False),
+        "episodes/domain": Field("episode", values=COUNT),
+        "episodes/final_distance": Field("episode", "m"),
+        "episodes/replay_error": Field("episode", "m", required=False),
+        "episodes/return": Field("episode"),
+        "episodes/*": Field("episode,...", required=False),
+        **TRAJECTORIES,
+    },
+    results=TransferEvalResults,
+    measured=TransferEvalMeasured,
+    made_from=(COMPOSE.name, EMBED_MEANS.name, PRETRAIN.name),
+    check=_check,
+)
