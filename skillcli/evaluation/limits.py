@@ -2,36 +2,38 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from skillcli.composition.plan import Segment, schedule
 from skillcli.evaluation.library import Library
 from skillcli.evaluation.rollouts import conduct
 from skillcli.evaluation.sampled_robots import Robots
+from skillcli.store.kinds.compose import BrokenLimit
+from skillcli.store.kinds.record import point
 from skillcli.trajectories import SAFETY_LIMITS, Array, Trajectories
 
 
-def breaks(library: Library, plans: list[list[Segment]], recording: Trajectories, robots: Robots) -> list[dict[str, Any]]:
+def breaks(library: Library, plans: list[list[Segment]], recording: Trajectories, robots: Robots) -> tuple[BrokenLimit, ...]:
     """Each limit that each route (an episode of the recording) breaks: for how many control steps, and where first."""
     if recording.violations is None:
-        return []
+        return ()
     found = []
     for route in np.flatnonzero(recording.violations.any(axis=1)):
         broken, gripper = _watched(library, plans[route], robots)
         ends = np.cumsum([segment.steps for segment in plans[route]])
         for limit in np.flatnonzero(broken.any(axis=0)):
             step = int(broken[:, limit].argmax())
-            found.append({
-                "route": int(route),
-                "limit": SAFETY_LIMITS[limit],
-                "control_steps": int(broken[:, limit].sum()),
-                "seconds": step * library.recipe.task.control_period,
-                "segment": int(np.searchsorted(ends, step)),
-                "gripper_m": gripper[step].tolist(),
-            })  # fmt: skip
-    return found
+            found.append(
+                BrokenLimit(
+                    route=int(route),
+                    limit=SAFETY_LIMITS[limit],
+                    control_steps=int(broken[:, limit].sum()),
+                    seconds=step * library.recipe.task.control_period,
+                    segment=int(np.searchsorted(ends, step)),
+                    gripper_m=point(gripper[step]),
+                )
+            )
+    return tuple(found)
 
 
 def _watched(library: Library, plan: list[Segment], robots: Robots) -> tuple[Array, Array]:

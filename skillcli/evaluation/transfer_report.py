@@ -2,32 +2,37 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from skillcli import metrics
 from skillcli.config.randomization import MANNERS, NEEDS, PARAMETERS
 from skillcli.evaluation.trial import Target
+from skillcli.store.kinds.outcome import Distances, Outcome
+from skillcli.store.kinds.transfer_eval import Alone, DomainResults, SourceResults, WorstEpisode
 from skillcli.trajectories import Array, Trajectories
 
 WORST = 5  # episodes that are listed
 
 
-def source_report(reference: Trajectories) -> dict[str, Any]:
+def source_report(reference: Trajectories) -> SourceResults:
     """The same in the simulation that was planned on."""
-    return {
-        "success_rate": float(reference.success.mean()),
-        "episodes": reference.episodes,
-        "final_distance_m": float(metrics.final_distance(reference).mean()),
-        "success_rate_within_limits": float((reference.success & reference.within_limits).mean()),
-        "violations": broken(reference),
-    }
+    return SourceResults(
+        success_rate=float(reference.success.mean()),
+        episodes=reference.episodes,
+        final_distance_m=float(metrics.final_distance(reference).mean()),
+        success_rate_within_limits=float((reference.success & reference.within_limits).mean()),
+        violations=broken(reference),
+    )
 
 
 def domain_report(
-    target: Target, recording: Trajectories, replay_error: Array, source_rate: float, first: int
-) -> dict[str, Any]:
+    target: Target,
+    recording: Trajectories,
+    replay_error: Array,
+    source_rate: float,
+    first: int,
+    sensitivity: tuple[Alone, ...] | None = None,
+) -> DomainResults:
     """One domain against the source.
 
     Args:
@@ -36,45 +41,47 @@ def domain_report(
         replay_error: (E,) m, see `Trial.replay`.
         source_rate: success in the source, known exactly: nothing goes on by chance there.
         first: number of its first episode in the artifact.
+        sensitivity: the same with one parameter alone, where that was asked for.
     """
     found = outcome(recording, target.repeats)
-    rate, (low, high) = found["success_rate"], found["ci95"]
-    return {
-        "name": target.name,
-        **found,
-        "retention": rate / source_rate if source_rate > 0 else None,
-        "gap": source_rate - rate,
-        "gap_ci95": list(metrics.difference_interval(source_rate, (source_rate, source_rate), rate, (low, high))),
-        "successes_within_limits": int((recording.success & recording.within_limits).sum()),
-        "violations": broken(recording),
-        "replay_error_m": _summary(replay_error[recording.stable]),
-        "worst": worst(target, recording, first),
-        "parameters": {name: PARAMETERS[name].meaning for name in target.parameters},
-    }
+    rate = found.success_rate
+    return DomainResults(
+        **vars(found),
+        name=target.name,
+        retention=rate / source_rate if source_rate > 0 else None,
+        gap=source_rate - rate,
+        gap_ci95=metrics.difference_interval(source_rate, (source_rate, source_rate), rate, found.ci95),
+        successes_within_limits=int((recording.success & recording.within_limits).sum()),
+        violations=broken(recording),
+        replay_error_m=_summary(replay_error[recording.stable]),
+        worst=worst(target, recording, first),
+        parameters={name: PARAMETERS[name].meaning for name in target.parameters},
+        sensitivity=sensitivity,
+    )
 
 
-def outcome(recording: Trajectories, repeats: bool) -> dict[str, Any]:
+def outcome(recording: Trajectories, repeats: bool) -> Outcome:
     """Success with Wilson's interval, and where the episodes end that did not come apart.
 
     Where every episode would be the same nothing is left to chance: the rate is known exactly, its interval has no width.
     """
     successes, episodes = int(recording.success.sum()), recording.episodes
     rate = successes / episodes
-    return {
-        "episodes": episodes,
-        "successes": successes,
-        "success_rate": rate,
-        "ci95": [rate, rate] if repeats else list(metrics.wilson_interval(successes, episodes)),
-        "deterministic": repeats,
-        "unstable": int((~recording.stable).sum()),
-        "gave_up": int(recording.given_up.sum()),
-        "final_distance_m": _summary(metrics.final_distance(recording)[recording.stable]),
-    }
+    return Outcome(
+        episodes=episodes,
+        successes=successes,
+        success_rate=rate,
+        ci95=(rate, rate) if repeats else metrics.wilson_interval(successes, episodes),
+        deterministic=repeats,
+        unstable=int((~recording.stable).sum()),
+        gave_up=int(recording.given_up.sum()),
+        final_distance_m=_summary(metrics.final_distance(recording)[recording.stable]),
+    )
 
 
-def _summary(distance: Array) -> dict[str, float | None]:
+def _summary(distance: Array) -> Distances:
     """Like `metrics.distance_summary`, of nothing where there is none."""
-    return dict(metrics.distance_summary(distance)) if len(distance) else dict.fromkeys(metrics.distance_summary(np.zeros(1)))
+    return Distances(**metrics.distance_summary(distance)) if len(distance) else Distances(mean=None, median=None, p90=None)
 
 
 def broken(recording: Trajectories) -> dict[str, int]:
@@ -82,19 +89,19 @@ def broken(recording: Trajectories) -> dict[str, int]:
     return {limit: int((steps > 0).sum()) for limit, steps in recording.beyond_limits.items()}
 
 
-def worst(target: Target, recording: Trajectories, first: int) -> list[dict[str, Any]]:
+def worst(target: Target, recording: Trajectories, first: int) -> tuple[WorstEpisode, ...]:
     """Episodes that came apart, then those that end farthest from their target, with the single numbers drawn for them."""
     distance = metrics.final_distance(recording)
     single = {name: values for name, values in target.parameters.items() if values.ndim == 1}
-    return [
-        {
-            "episode": first + int(episode),
-            "final_distance_m": float(distance[episode]) if recording.stable[episode] else None,
-            "success": bool(recording.success[episode]),
-            "parameters": {name: float(values[episode]) for name, values in single.items()},
-        }
+    return tuple(
+        WorstEpisode(
+            episode=first + int(episode),
+            final_distance_m=float(distance[episode]) if recording.stable[episode] else None,
+            success=bool(recording.success[episode]),
+            parameters={name: float(values[episode]) for name, values in single.items()},
+        )
         for episode in np.argsort(-np.where(recording.stable, distance, np.inf), kind="stable")[:WORST]
-    ]
+    )
 
 
 def one_at_a_time(target: Target) -> dict[str, Target]:
@@ -106,10 +113,10 @@ def one_at_a_time(target: Target) -> dict[str, Target]:
     return found
 
 
-def most_harmful_first(alone: dict[str, tuple[Target, Trajectories]]) -> list[dict[str, Any]]:
+def most_harmful_first(alone: dict[str, tuple[Target, Trajectories]]) -> tuple[Alone, ...]:
     """Outcomes with one parameter alone, by its name: lowest success first, then the larger median distance."""
-    rows = [{"parameter": name, **outcome(recording, target.repeats)} for name, (target, recording) in alone.items()]
-    return sorted(rows, key=lambda row: (row["success_rate"], -_far(row["final_distance_m"]["median"])))
+    rows = [Alone(**vars(outcome(recording, target.repeats)), parameter=name) for name, (target, recording) in alone.items()]
+    return tuple(sorted(rows, key=lambda row: (row.success_rate, -_far(row.final_distance_m.median))))
 
 
 def _far(median: float | None) -> float:

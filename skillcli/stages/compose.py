@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,16 @@ from skillcli.evaluation.sampled_robots import Robots
 from skillcli.progress import Progress, Report, silent
 from skillcli.recipe import Recipe
 from skillcli.stages.pretrain import play_held
-from skillcli.store import Artifact, ArtifactId, Draft, Parent, Store
+from skillcli.store import COMPOSE, Artifact, ArtifactId, Draft, Parent, Store
+from skillcli.store.kinds.compose import (
+    GOALS,
+    CalibrationResults,
+    ComposeMeasured,
+    ComposeResults,
+    PlannedSegment,
+    Waypoint,
+)
+from skillcli.store.kinds.record import point
 from skillcli.tasks.world import World
 from skillcli.trajectories import Array, Trajectories
 
@@ -56,7 +66,7 @@ def inputs_of(source: Artifact | Parent, recipe: Recipe, request: Request, metho
     robots = robots_for(recipe, method, on, seed)
     if robots.parameters or on:
         parts += [seed, on, {name: values.tolist() for name, values in robots.parameters.items()}]
-    return fingerprint("compose", [*parts, seed] if method in RANDOM else parts)
+    return fingerprint(COMPOSE.name, [*parts, seed] if method in RANDOM else parts)
 
 
 def check_method(method: str) -> None:
@@ -130,7 +140,7 @@ def compose(
     ]
     return store.write(
         Draft(
-            kind="compose",
+            kind=COMPOSE.name,
             name=name or source_id.name,
             seed=seed if method in RANDOM or robots.parameters else source.seed,
             command=command,
@@ -145,16 +155,16 @@ def compose(
                 "waypoints/route": request.route,
                 **{f"trajectories/{field}": array for field, array in recording.arrays().items()},
             },
-            results={
-                **_results(recipe, request, method, planned, recording, np.concatenate(closest)),
-                "waypoints_met": bool(met.all()),
-                "violations": _violations(recording),
-                "broken": broken,
-                "on": on,
-                "robots": robots.count,
+            results=replace(
+                _results(recipe, request, method, planned, recording, np.concatenate(closest)),
+                waypoints_met=bool(met.all()),
+                violations=_violations(recording),
+                broken=broken,
+                on=on,
+                robots=robots.count,
                 **({} if calibration is None else _calibrated(library, calibration, planned)),
-            },
-            measured={"planning_seconds": planning_seconds},
+            ).json(),
+            measured=ComposeMeasured(planning_seconds=planning_seconds).json(),
             parents=[source_id],
             model_sha256=library.world.fingerprint,
             inputs_sha256=inputs_of(source, recipe, request, method, seed, on),
@@ -201,7 +211,8 @@ def _calibrated(library: Library, calibration: Calibration, planned: list[Planne
     task = library.recipe.task
     spent = calibration.end[..., 0].size * task.horizon * task.control_period
     planning = sum(found.simulated_robot_seconds for found in planned)
-    return {"calibration": calibration.report(library.names), "simulated_robot_seconds": planning + spent}
+    found = CalibrationResults.read(calibration.report(library.names))
+    return {"calibration": found, "simulated_robot_seconds": planning + spent}
 
 
 def _plan_arrays(plans: list[list[Segment]], period: float) -> dict[str, Array]:
@@ -234,35 +245,35 @@ def _results(
     planned: list[Planned],
     recording: Trajectories,
     closest: Array,
-) -> dict[str, Any]:
+) -> ComposeResults:
     period = recipe.task.control_period
     distance = metrics.final_distance(recording)
     plans = [found.segments for found in planned]
-    return {
-        "method": method,
-        "task": request.task or "goals",
-        "success": bool(recording.success.all()),
-        "success_rate": float(recording.success.mean()),
-        "routes": len(plans),
-        "expanded_nodes": sum(found.expanded_nodes for found in planned),
-        "simulated_robot_seconds": sum(found.simulated_robot_seconds for found in planned),
-        "robot_seconds_with_returns": sum(found.with_returns for found in planned),
-        "plan_seconds": sum(segment.steps for plan in plans for segment in plan) * period,
-        "segments": [
-            {
-                "skill": segment.label,
-                "latent": segment.latent.tolist(),
-                "seconds": segment.steps * period,
-                "route": route,
-                **({} if segment.until is None else {"latent_end": segment.until.tolist()}),
-            }
+    return ComposeResults(
+        method=method,
+        task=request.task or GOALS,
+        success=bool(recording.success.all()),
+        success_rate=float(recording.success.mean()),
+        routes=len(plans),
+        expanded_nodes=sum(found.expanded_nodes for found in planned),
+        simulated_robot_seconds=sum(found.simulated_robot_seconds for found in planned),
+        robot_seconds_with_returns=sum(found.with_returns for found in planned),
+        plan_seconds=sum(segment.steps for plan in plans for segment in plan) * period,
+        segments=tuple(
+            PlannedSegment(
+                skill=segment.label,
+                latent=tuple(segment.latent.tolist()),
+                seconds=segment.steps * period,
+                route=route,
+                latent_end=None if segment.until is None else tuple(segment.until.tolist()),
+            )
             for route, plan in enumerate(plans)
             for segment in plan
-        ],
-        "waypoints": [
-            {"target": target.tolist(), "closest_m": float(near), "route": int(route)}
+        ),
+        waypoints=tuple(
+            Waypoint(target=point(target), closest_m=float(near), route=int(route))
             for target, near, route in zip(request.waypoints, closest, request.route, strict=True)
-        ],
-        "final_distance_m": float(distance.max()),
-        "final_distances_m": distance.tolist(),
-    }
+        ),
+        final_distance_m=float(distance.max()),
+        final_distances_m=tuple(distance.tolist()),
+    )

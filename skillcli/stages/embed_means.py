@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from skillcli import metrics
 from skillcli.evaluation.library import fingerprint, open_library
 from skillcli.stages.pretrain import play_held
-from skillcli.store import Artifact, ArtifactId, Draft, Parent, Store
+from skillcli.store import EMBED_MEANS, PRETRAIN, Artifact, ArtifactId, Draft, Parent, Store
+from skillcli.store.kinds.embed_means import EmbedMeansResults, Halfway, MeanSkill
+from skillcli.store.kinds.record import point
 from skillcli.trajectories import Array, Trajectories
 
 
 def inputs_of(source: Artifact | Parent) -> str:
     """Fingerprint of everything that the result depends on."""
-    return fingerprint("embed-means", [source.content_sha256])
+    return fingerprint(EMBED_MEANS.name, [source.content_sha256])
 
 
 def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | None = None) -> Artifact:
@@ -38,7 +38,7 @@ def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | N
     distance = metrics.final_distance(recording)
     return store.write(
         Draft(
-            kind="embed-means",
+            kind=EMBED_MEANS.name,
             name=name or source_id.name,
             seed=source.seed,
             command=command,
@@ -53,21 +53,21 @@ def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | N
                 "halfway/pair": pairs,
                 **{f"trajectories/{field}": array for field, array in recording.arrays().items()},
             },
-            results={
-                "skills": [
-                    {
-                        "name": skill,
-                        "mean": mean[k].tolist(),
-                        "std": std[k].tolist(),
-                        "final_distance_m": float(distance[k]),
-                    }
+            results=EmbedMeansResults(
+                skills=tuple(
+                    MeanSkill(
+                        name=skill,
+                        mean=tuple(mean[k].tolist()),
+                        std=tuple(std[k].tolist()),
+                        final_distance_m=float(distance[k]),
+                    )
                     for k, skill in enumerate(library.names)
-                ],
-                "halfway": _halfway(library.names, pairs, recording.select(slice(len(mean), None))),
-                "latent_goal_correlation": metrics.distance_correlation(mean, library.goals),
-                "efficiency": metrics.embedding_efficiency(mean, std),
-                "inference_accuracy": source.results["embedding"]["inference_accuracy"],
-            },
+                ),
+                halfway=_halfway(library.names, pairs, recording.select(slice(len(mean), None))),
+                latent_goal_correlation=metrics.distance_correlation(mean, library.goals),
+                efficiency=metrics.embedding_efficiency(mean, std),
+                inference_accuracy=PRETRAIN.results_of(source).embedding.inference_accuracy,
+            ).json(),
             measured={},
             parents=[source_id],
             model_sha256=library.world.fingerprint,
@@ -76,21 +76,21 @@ def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | N
     )
 
 
-def _halfway(names: tuple[str, ...], pairs: Array, recording: Trajectories) -> list[dict[str, Any]]:
+def _halfway(names: tuple[str, ...], pairs: Array, recording: Trajectories) -> tuple[Halfway, ...]:
     """What the mean of two neighbouring latents does, against going half-way between the two goals."""
     episodes = np.arange(recording.episodes)
     start, end = recording.judged[:, 0], recording.judged[episodes, recording.length]
     moved, wanted = end - start, recording.target - start
     distance = metrics.final_distance(recording)
     lengths = np.linalg.norm(moved, axis=1), np.linalg.norm(wanted, axis=1)
-    return [
-        {
-            "from": names[a],
-            "to": names[b],
-            "final_distance_m": float(distance[i]),
-            "moved_m": moved[i].tolist(),
-            "direction_error_deg": metrics.angle_deg(moved[i], wanted[i]),
-            "magnitude_ratio": float(lengths[0][i] / lengths[1][i]) if lengths[1][i] > 0 else None,
-        }
+    return tuple(
+        Halfway(
+            from_=names[a],
+            to=names[b],
+            final_distance_m=float(distance[i]),
+            moved_m=point(moved[i]),
+            direction_error_deg=metrics.angle_deg(moved[i], wanted[i]),
+            magnitude_ratio=float(lengths[0][i] / lengths[1][i]) if lengths[1][i] > 0 else None,
+        )
         for i, (a, b) in enumerate(pairs)
-    ]
+    )

@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -25,7 +24,17 @@ from skillcli.recipe import Recipe
 from skillcli.seeding import generator
 from skillcli.simulation.throughput import BareEngine
 from skillcli.stopping import StopRequest, stoppable
-from skillcli.store import Artifact, Draft, Store, load_checkpoint, remove_checkpoint, save_checkpoint
+from skillcli.store import PRETRAIN, Artifact, Draft, Store, load_checkpoint, remove_checkpoint, save_checkpoint
+from skillcli.store.kinds.outcome import Distances
+from skillcli.store.kinds.pretrain import (
+    EmbeddingQuality,
+    PretrainMeasured,
+    PretrainResults,
+    Randomised,
+    Throughput,
+    TrainedSkill,
+)
+from skillcli.store.kinds.record import point
 from skillcli.tasks.world import MAX_SIMULATIONS, World
 from skillcli.trajectories import Array, Trajectories
 
@@ -46,7 +55,7 @@ class Evaluation:
 
 def inputs_of(recipe: Recipe, seed: int) -> str:
     """Fingerprint of everything that a training depends on."""
-    return fingerprint("pretrain", [recipe.fingerprint(TRAINED), seed, World.of(recipe).fingerprint])
+    return fingerprint(PRETRAIN.name, [recipe.fingerprint(TRAINED), seed, World.of(recipe).fingerprint])
 
 
 def pretrain(
@@ -84,7 +93,7 @@ def pretrain(
         world.check_goal(goal)
     store.check_writable(name)
     inputs = inputs_of(recipe, seed)
-    checkpoint = store.checkpoint_path(name, "pretrain", inputs)
+    checkpoint = store.checkpoint_path(name, PRETRAIN.name, inputs)
     with stoppable() as stop:
         delay = "latency" in recipe.randomisation.ranges
         env = world.make(recipe.training.simulations, threads, delay)
@@ -157,7 +166,7 @@ def _train(
         named = {name: value for name, value in point.items() if not name.startswith("success/")}
         scalars = {**named, **{f"success/{name}": share for name, share in success.items()}}
         share = learner.env_steps / learner.sampling_seconds / bare.rate if bare.rate else None
-        report(Progress("pretrain", learner.iteration, total, "iterations", rate, success, note, share, scalars))
+        report(Progress(PRETRAIN.name, learner.iteration, total, "iterations", rate, success, note, share, scalars))
         if stop.requested and not learner.finished:
             save()
             raise _stopped(f"stopped after iteration {learner.iteration} of {total}; the state is saved", command)
@@ -195,7 +204,7 @@ def evaluate(recipe: Recipe, agent: Agent, seed: int, threads: int = 0) -> Evalu
     )
 
 
-def evaluate_randomised(recipe: Recipe, agent: Agent, seed: int, threads: int = 0) -> dict[str, Any] | None:
+def evaluate_randomised(recipe: Recipe, agent: Agent, seed: int, threads: int = 0) -> Randomised | None:
     """The mean latents where everything differs that differed in training, all at once; None where nothing did."""
     ranges = recipe.randomisation.ranges
     if not ranges:
@@ -212,12 +221,12 @@ def evaluate_randomised(recipe: Recipe, agent: Agent, seed: int, threads: int = 
         recordings.append(play(env, agent.act, latent, fed)[0])
     recording = Trajectories.join(recordings)
     successes = int(recording.success.sum())
-    return {
-        "episodes": recording.episodes,
-        "success_rate": successes / recording.episodes,
-        "ci95": list(metrics.wilson_interval(successes, recording.episodes)),
-        "final_distance_m": metrics.distance_summary(metrics.final_distance(recording)),
-    }
+    return Randomised(
+        episodes=recording.episodes,
+        success_rate=successes / recording.episodes,
+        ci95=metrics.wilson_interval(successes, recording.episodes),
+        final_distance_m=Distances(**metrics.distance_summary(metrics.final_distance(recording))),
+    )
 
 
 def play_held(
@@ -249,7 +258,7 @@ def _draft(
     command: str,
     learner: Learner,
     evaluation: Evaluation,
-    randomised: dict[str, Any] | None,
+    randomised: Randomised | None,
     bare_rate: float | None,
     wall: float,
 ) -> Draft:
@@ -259,7 +268,7 @@ def _draft(
     success = [curves.pop(f"curves/success/{k + 1}") for k in range(len(mean))]
     curves |= {f"curves/success/{skill}": curve for skill, curve in zip(skill_names(recipe), success, strict=True)}
     return Draft(
-        kind="pretrain",
+        kind=PRETRAIN.name,
         name=name,
         seed=seed,
         command=command,
@@ -275,51 +284,50 @@ def _draft(
             "evaluation/inferred": evaluation.inferred,
             **{f"trajectories/{field}": array for field, array in evaluation.trajectories.arrays().items()},
         },
-        results={**_results(recipe, learner, evaluation), "randomised": randomised},
-        measured={
-            "wall_seconds": wall,
-            "peak_memory_mb": peak_memory_mb(),
-            "throughput": _throughput(learner, bare_rate, wall),
-        },
+        results=_results(recipe, learner, evaluation, randomised).json(),
+        measured=PretrainMeasured(
+            wall_seconds=wall, peak_memory_mb=peak_memory_mb(), throughput=_throughput(learner, bare_rate, wall)
+        ).json(),
         model_sha256=World.of(recipe).fingerprint,
         inputs_sha256=inputs_of(recipe, seed),
     )
 
 
-def _results(recipe: Recipe, learner: Learner, evaluation: Evaluation) -> dict[str, Any]:
+def _results(recipe: Recipe, learner: Learner, evaluation: Evaluation, randomised: Randomised | None) -> PretrainResults:
     mean, std = learner.agent.embed()
     goals, drawn = learner.env.goals, evaluation.success[:, 1:]
     recognised = metrics.most_likely_skill(evaluation.inferred[:, 1:], mean, std) == np.arange(len(mean))[:, None]
-    return {
-        "env_steps": learner.env_steps,
-        "success_rate": float(drawn.mean()),
-        "skills": [
-            {
-                "name": name,
-                "goal": goals[k].tolist(),
-                "final_distance_m": float(evaluation.final_distance[k, 0]),
-                "success_rate": float(drawn[k].mean()),
-            }
+    return PretrainResults(
+        env_steps=learner.env_steps,
+        success_rate=float(drawn.mean()),
+        skills=tuple(
+            TrainedSkill(
+                name=name,
+                goal=point(goals[k]),
+                final_distance_m=float(evaluation.final_distance[k, 0]),
+                success_rate=float(drawn[k].mean()),
+            )
             for k, name in enumerate(skill_names(recipe))
-        ],
-        "embedding": {
-            "inference_accuracy": float(recognised.mean()),
-            "latent_goal_correlation": metrics.distance_correlation(mean, goals),
-            "efficiency": metrics.embedding_efficiency(mean, std),
-        },
-    }
+        ),
+        embedding=EmbeddingQuality(
+            inference_accuracy=float(recognised.mean()),
+            latent_goal_correlation=metrics.distance_correlation(mean, goals),
+            efficiency=metrics.embedding_efficiency(mean, std),
+        ),
+        randomised=randomised,
+    )
 
 
-def _throughput(learner: Learner, bare_rate: float | None, wall: float) -> dict[str, float | None]:
+def _throughput(learner: Learner, bare_rate: float | None, wall: float) -> Throughput:
     sampling = learner.env_steps / learner.sampling_seconds
     training = learner.env_steps / wall
-    return {
-        "env_steps_per_second": training,
-        "sampling_env_steps_per_second": sampling,
-        "physics_limit_env_steps_per_second": bare_rate,
-        "sampling_ratio": sampling / bare_rate if bare_rate else None,
-        "training_ratio": training / bare_rate if bare_rate else None,
-    }
+    return Throughput(
+        env_steps_per_second=training,
+        sampling_env_steps_per_second=sampling,
+        physics_limit_env_steps_per_second=bare_rate,
+        sampling_ratio=sampling / bare_rate if bare_rate else None,
+        training_ratio=training / bare_rate if bare_rate else None,
+    )
 
 
 def peak_memory_mb() -> float:

@@ -21,7 +21,8 @@ from skillcli.progress import Progress, Report, silent
 from skillcli.recipe import Recipe
 from skillcli.robots.robot import Robot
 from skillcli.simulation.domains import find_domains
-from skillcli.store import Artifact, ArtifactId, Draft, Parent, Store
+from skillcli.store import COMPOSE, TRANSFER_EVAL, Artifact, ArtifactId, Draft, Parent, Store
+from skillcli.store.kinds.transfer_eval import TargetRobot, TransferEvalMeasured, TransferEvalResults
 from skillcli.trajectories import Trajectories
 
 DRAWN = "each episode by itself, what repeats once"  # how robots are drawn: what was drawn otherwise is not used again
@@ -44,7 +45,7 @@ def inputs_of(
         parts.append({"robot": robot.fingerprint})
     if sensitivity:
         parts.append("sensitivity")
-    return fingerprint("transfer-eval", parts)
+    return fingerprint(TRANSFER_EVAL.name, parts)
 
 
 def transfer_eval(
@@ -104,14 +105,15 @@ def transfer_eval(
         first = sum(recording.episodes for recording in recordings)
         recordings.append(rounds.play(target, target.name))
         errors.append(trial.replay(reference, target, target.episodes))
-        reports.append(domain_report(target, recordings[-1], errors[-1], rate, first))
+        report_alone = None
         if sensitivity:
             rows = {name: (one, rounds.play(one, f"{target.name}, {name} alone")) for name, one in alone[target.name].items()}
-            reports[-1]["sensitivity"] = most_harmful_first(rows)
+            report_alone = most_harmful_first(rows)
+        reports.append(domain_report(target, recordings[-1], errors[-1], rate, first, report_alone))
     together = Trajectories.join(recordings)
     return store.write(
         Draft(
-            kind="transfer-eval",
+            kind=TRANSFER_EVAL.name,
             name=name or source_id.name,
             seed=seed,
             command=command,
@@ -124,13 +126,13 @@ def transfer_eval(
                 "episodes/return": together.reward.sum(axis=1),
                 **{f"trajectories/{field}": array for field, array in together.arrays().items()},
             },
-            results={
-                "source": source_report(reference),
-                "domains": reports,
-                "robot": None if robot is None else {**robot.summary, "fingerprint": robot.fingerprint},
-                "replanned": replanner is not None,
-            },
-            measured={} if replanner is None else {"seconds_per_plan": replanner.effort.mean},
+            results=TransferEvalResults(
+                source=source_report(reference),
+                domains=tuple(reports),
+                robot=None if robot is None else TargetRobot.read({**robot.summary, "fingerprint": robot.fingerprint}),
+                replanned=replanner is not None,
+            ).json(),
+            measured=TransferEvalMeasured(seconds_per_plan=None if replanner is None else replanner.effort.mean).json(),
             parents=[source_id],
             model_sha256=library.world.fingerprint,
             inputs_sha256=inputs_of(source, recipe, domains, episodes, seed, robot, sensitivity),
@@ -139,12 +141,12 @@ def transfer_eval(
 
 
 def _replanner(library: Library, recipe: Recipe, source: Artifact, seed: int) -> Replanner:
-    if source.kind != "compose":
+    if not COMPOSE.is_kind_of(source):
         raise UsageError(
             f"{source.id} holds no plan that could be made again on the way", "give a compose artifact, or leave --replan out"
         )
     leg = Leg(library, recipe, np.zeros((0, 3)), (), seed, silent, Robots())
-    return Replanner(leg, source.results["method"])
+    return Replanner(leg, COMPOSE.results_of(source).method)
 
 
 @dataclass
@@ -183,4 +185,4 @@ class _Rounds:
         return recording
 
     def _tell(self, note: str) -> None:
-        self.report(Progress("transfer-eval", self.done, self.total, "episodes", success=dict(self.success), note=note))
+        self.report(Progress(TRANSFER_EVAL.name, self.done, self.total, "episodes", success=dict(self.success), note=note))

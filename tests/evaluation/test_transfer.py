@@ -148,8 +148,8 @@ def test_a_broken_limit_is_counted_and_takes_nothing_from_success() -> None:
 def test_the_worst_episodes_come_farthest_first_with_what_was_drawn() -> None:
     target = Target("mild", {"latency": np.arange(7) / 100, "gain": np.ones((7, 7))})
     found = worst(target, ended(0.1, 0.5, 0.2, 0.5, 0.0, 0.01, 0.3), first=10)
-    assert [each["episode"] for each in found] == [11, 13, 16, 12, 10]
-    assert found[0]["parameters"] == {"latency": 0.01} and found[0]["final_distance_m"] == pytest.approx(0.5)
+    assert [each.episode for each in found] == [11, 13, 16, 12, 10]
+    assert found[0].parameters == {"latency": 0.01} and found[0].final_distance_m == pytest.approx(0.5)
 
 
 def test_commands_sent_blindly_end_in_the_source_where_they_did_and_elsewhere_on_weak_servos(library: Library) -> None:
@@ -178,8 +178,8 @@ def test_what_hurts_most_comes_first() -> None:
     varied = Target("mild", {"gain": np.ones((3, 7))})
     found = {"a": ended(0, 0, 0.1), "b": ended(0, 0.2, 0.3), "c": ended(0, 0.01, 0.1)}
     rows = most_harmful_first({name: (varied, path) for name, path in found.items()})
-    assert [row["parameter"] for row in rows] == ["b", "c", "a"], "of two with equal successes the larger median distance"
-    assert rows[0]["successes"] == 1 and rows[0]["ci95"] == list(metrics.wilson_interval(1, 3))
+    assert [row.parameter for row in rows] == ["b", "c", "a"], "of two with equal successes the larger median distance"
+    assert rows[0].successes == 1 and rows[0].ci95 == metrics.wilson_interval(1, 3)
 
 
 @pytest.mark.parametrize("settings", [[], REPLAN])
@@ -257,8 +257,8 @@ def test_a_robot_that_comes_apart_fails_and_leaves_no_nan(
 def test_distances_are_of_the_episodes_that_did_not_come_apart() -> None:
     path = replace(ended(0.1, 31.6, 0.3), unstable=np.array([False, True, False]))
     found = outcome(path, repeats=False)
-    assert (found["unstable"], found["episodes"]) == (1, 3) and found["final_distance_m"]["mean"] == pytest.approx(0.2)
-    assert [each["episode"] for each in worst(Target("mild", {}), path, 0)] == [1, 2, 0]
+    assert (found.unstable, found.episodes) == (1, 3) and found.final_distance_m.mean == pytest.approx(0.2)
+    assert [each.episode for each in worst(Target("mild", {}), path, 0)] == [1, 2, 0]
     joined = Trajectories.join([ended(0.1), path])
     assert joined.stable.tolist() == [True, True, False, True]
 

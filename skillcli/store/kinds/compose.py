@@ -27,6 +27,9 @@ from skillcli.store.kinds.spec import (
     index,
 )  # fmt: skip
 
+GOALS = "goals"
+"""The task of a composition that is no named one: its goals were given."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedSegment(Record):
@@ -98,7 +101,7 @@ class ComposeResults(Record):
     """What a composition found out."""
 
     method: str
-    task: str  # a named composition, or "goals"
+    task: str  # a named composition, or `GOALS`
     success: bool  # every route meets its waypoints and breaks no limit
     success_rate: float
     routes: int

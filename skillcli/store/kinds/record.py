@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple, Self, Union, cast, get_args, get_origin, get_type_hints
@@ -16,6 +16,12 @@ Point = tuple[float, float, float]
 """x, y, z in m."""
 Interval = tuple[float, float]
 """Low and high end."""
+
+
+def point(xyz: Iterable[float]) -> Point:
+    """Three numbers of any array or list."""
+    x, y, z = map(float, xyz)
+    return x, y, z
 
 
 def unsaid(meaning: Any, *, null: bool = False) -> Any:
