@@ -32,9 +32,9 @@ def register(app: typer.Typer) -> None:
     """Add the commands to the app."""
     panel = "Stages"
     app.command(rich_help_panel=panel)(pretrain)
-    app.command("embed-means", rich_help_panel=panel)(embed_means)
+    app.command(rich_help_panel=panel)(embed_means)
     app.command(rich_help_panel=panel, cls=ByMethod)(compose)
-    app.command("transfer-eval", rich_help_panel=panel)(transfer_eval)
+    app.command(rich_help_panel=panel)(transfer_eval)
     app.command("run", rich_help_panel="Whole chain")(run)
     app.command(rich_help_panel="Whole chain")(demo)
 
@@ -68,11 +68,12 @@ def pretrain(
     from skillcli.recipe import load_recipe
     from skillcli.stages.pretrain import inputs_of
     from skillcli.stages.pretrain import pretrain as stage
+    from skillcli.store import PRETRAIN
 
     session: Session = context.obj
     resolved = load_recipe(recipe, overrides or ())
     folder = checked(name) or resolved.name
-    if resume and not session.store.checkpoint_path(folder, "pretrain", inputs_of(resolved, seed)).exists():
+    if resume and not session.store.checkpoint_path(folder, PRETRAIN.name, inputs_of(resolved, seed)).exists():
         session.say("nothing was interrupted with this recipe, seed and name: starting anew")
     with ExitStack() as opened:
         report = opened.enter_context(session.progress())
@@ -89,10 +90,12 @@ def embed_means(
 ) -> None:
     """Take the mean latent of each skill, measure how well they are separated, and play each one."""
     session: Session = context.obj
-    found = session.pick(source, "pretrain")
+    from skillcli.store import EMBED_MEANS
+
+    found = session.pick(source, *EMBED_MEANS.made_from)
     from skillcli.stages.embed_means import embed_means as stage
 
-    with _whole("embed-means"):
+    with _whole(EMBED_MEANS.name):
         artifact = stage(session.store, found, session.command, checked(name))
     _done(session, artifact, f"skill compose {artifact.id} --method search")
 
@@ -139,7 +142,9 @@ def compose(
     chosen = settings(method, given)
     if on and ensemble:
         raise UsageError("--on plans on one target, --ensemble on several robots", "leave one of them out")
-    found = session.pick(source, "embed-means", "pretrain")
+    from skillcli.store import COMPOSE
+
+    found = session.pick(source, *COMPOSE.made_from)
     from skillcli.cli.tables import where
     from skillcli.evaluation.consistency import stored_recipe
     from skillcli.stages.compose import Request
@@ -149,13 +154,14 @@ def compose(
         session.store.read(found), [*(ON_TARGET if on and method == "search" else ()), *(overrides or ()), *chosen]
     )
     request = Request.of(recipe, task, goals, method)
-    with _whole("compose"), session.progress() as report:
+    with _whole(COMPOSE.name), session.progress() as report:
         artifact = stage(session.store, found, recipe, request, method, session.command, checked(name), report, seed, on)
-    if not artifact.results["waypoints_met"]:
+    planned = COMPOSE.results_of(artifact)
+    if not planned.waypoints_met:
         session.say(f"the plan does not meet every waypoint: {MORE[method]}", "yellow")
-    for broken in artifact.results["broken"]:
+    for broken in planned.broken:
         session.say(f"the plan breaks a safety limit, so it is no success: {where(broken)}", "yellow")
-    if artifact.results["broken"]:
+    if planned.broken:
         session.say(f"`skill viz {artifact.id} --open` shows it; plan without that skill, or with another --method or --goal")
     _done(session, artifact, f"skill transfer-eval {artifact.id}")
 
@@ -182,7 +188,10 @@ def transfer_eval(
 ) -> None:
     """Run a composition, or bare skills, on robots that differ from the simulation (stage 3)."""
     session: Session = context.obj
-    found = session.pick(source, "compose", *(("embed-means", "pretrain") if source else ()))
+    from skillcli.store import TRANSFER_EVAL
+
+    usual, *others = TRANSFER_EVAL.made_from
+    found = session.pick(source, usual, *(others if source else ()))
     from skillcli.evaluation.consistency import stored_recipe
     from skillcli.stages.transfer_eval import transfer_eval as stage
 
@@ -196,7 +205,7 @@ def transfer_eval(
         other = load_target(robot, load_robot(recipe.robot))
         for note in other.notes:
             session.say(f"{robot}: {note}")
-    with _whole("transfer-eval"), session.progress() as report:
+    with _whole(TRANSFER_EVAL.name), session.progress() as report:
         artifact = stage(
             session.store,
             found,
@@ -243,10 +252,11 @@ def demo(
 
 
 def _chain(session: Session, recipe: str, seed: int, name: str | None, overrides: list[str] | None) -> None:
-    from skillcli.cli.tables import SHOWN
+    from skillcli.cli.tables import table_of
     from skillcli.recipe import load_recipe
     from skillcli.stages.chain import run_chain
     from skillcli.stages.visualise import draw, record
+    from skillcli.store import COMPOSE
 
     resolved = load_recipe(recipe, overrides or ())
     folder = checked(name) or resolved.name
@@ -257,18 +267,19 @@ def _chain(session: Session, recipe: str, seed: int, name: str | None, overrides
                 session.say(f"{link.artifact.id}: nothing changed, used again")
             reports[link.artifact.kind] = {**payload(link.artifact), "reused": link.reused}
             if not session.json:
-                session.result({}, SHOWN[link.artifact.kind](link.artifact))
+                session.result({}, table_of(link.artifact))
     store, pictures = session.store, []
     for kind, found in reports.items():
         path = session.root / folder / f"{kind}.png"
         draw(store, store.resolve(found["id"]), path)
         pictures.append(str(path))
-    recording = session.root / folder / "compose.rrd"
-    record(store, store.resolve(reports["compose"]["id"]), recording)
+    plan = reports[COMPOSE.name]["id"]
+    recording = session.root / folder / f"{COMPOSE.name}.rrd"
+    record(store, store.resolve(plan), recording)
     session.result(
         {**reports, "png": pictures, "rrd": str(recording)},
         f"figures: {', '.join(pictures)}",
-        typed.runnable(f"recording: {recording} (open it with `skill viz {reports['compose']['id']} --open`)"),
+        typed.runnable(f"recording: {recording} (open it with `skill viz {plan} --open`)"),
     )
 
 
@@ -279,11 +290,11 @@ def checked(name: str | None) -> str | None:
         UsageError: it cannot be one.
     """
     from skillcli.errors import StoreError
-    from skillcli.store import ArtifactId
+    from skillcli.store.ids import check_name
 
     if name is not None:
         try:
-            ArtifactId(name, "pretrain", 1)
+            check_name(name)
         except StoreError as error:
             raise UsageError(f"--name {name!r} cannot be part of an id", error.hint) from None
     return name
@@ -311,7 +322,7 @@ def _done(session: Session, artifact: Artifact, then: str) -> None:
     """Report a finished stage, and what may be done next."""
     from rich.text import Text
 
-    from skillcli.cli.tables import SHOWN
+    from skillcli.cli.tables import table_of
 
     proposed = Text(typed.runnable(f"next: {then}"), "dim")
-    session.result(payload(artifact), SHOWN[artifact.kind](artifact), proposed)
+    session.result(payload(artifact), table_of(artifact), proposed)

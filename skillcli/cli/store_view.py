@@ -26,7 +26,6 @@ Id = Annotated[
 FullId = Annotated[str, typer.Argument(metavar="ID", help="A full id.", autocompletion=complete.ids)]
 
 
-PICTURES = ("pretrain.png", "embed-means.png", "compose.png", "transfer-eval.png", "compose.rrd")  # from `skill run`
 LONG = 200  # rows, beyond which a listing is printed without a frame
 _COLUMNS = ("id", "made (UTC)", "recipe", "seed", "kB", "note")
 _LESSER = ("recipe", "kB", "seed", "note", "made (UTC)")  # left out first where there is little room
@@ -134,9 +133,9 @@ def _entry(header: Header, pinned: bool) -> dict[str, Any]:
 
 
 def _schema_note(header: Header) -> list[str]:
-    from skillcli.store import KINDS
+    from skillcli.store import kind_spec
 
-    ours = KINDS[header.kind].version
+    ours = kind_spec(header.kind).version
     if header.schema_version == ours:
         return []
     return [f"schema {header.schema_version}: {'migrate' if header.schema_version < ours else 'newer skill'}"]
@@ -217,7 +216,7 @@ def verify(
     problems = store.verify_all(check_meaning) if everything else {one: store.verify(one, check_meaning) for one in ids}
     listed = [problem for each in problems.values() for problem in each]
     payload: dict[str, Any] = {"id": str(found) if found else None, "ok": not listed, "problems": listed}
-    strangers = [path for path in store.strangers() if path.name not in PICTURES] if everything else []
+    strangers = [path for path in store.strangers() if path.name not in _pictures()] if everything else []
     for path in strangers:
         session.say(f"no artifact: {path}", "yellow")
     if everything:
@@ -236,6 +235,13 @@ def verify(
     session.result(payload, *(lines or [Text(whole, "green")]))
     if listed:
         raise typer.Exit(1)
+
+
+def _pictures() -> set[str]:
+    """Names of the files that `skill run` puts beside artifacts."""
+    from skillcli.store import COMPOSE, KINDS
+
+    return {*(f"{kind}.png" for kind in KINDS), f"{COMPOSE.name}.rrd"}
 
 
 def _known(session: Session, found: ArtifactId) -> list[ArtifactId]:

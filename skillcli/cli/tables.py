@@ -2,14 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
 
 from rich.console import Group
+from rich.pretty import Pretty
 from rich.table import Table
 from rich.text import Text
 
-from skillcli.store import Artifact
+from skillcli.store import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, Artifact, ByKind, kind_spec
+from skillcli.store.kinds.compose import BrokenLimit
+from skillcli.store.kinds.embed_means import Halfway
+from skillcli.store.kinds.outcome import Outcome
+from skillcli.store.kinds.transfer_eval import DomainResults, TransferEvalResults, WorstEpisode
+
+TABLES: ByKind[Callable[[Artifact], Group]] = ByKind("table")
+
+
+def table_of(artifact: Artifact) -> Group:
+    """The table of an artifact; of a kind that has none, its results as they are.
+
+    Raises:
+        StoreError: its kind is unknown.
+    """
+    kind = kind_spec(artifact.kind, str(artifact.id)).name
+    return TABLES.of(kind)(artifact) if kind in TABLES else Group(_title(artifact), Pretty(artifact.results, max_length=12))
 
 
 def _centimetres(metres: float | None) -> str:
@@ -27,169 +43,162 @@ def _title(artifact: Artifact, more: str = "") -> Text:
     return Text.assemble((str(artifact.id), "bold"), more)
 
 
+@TABLES.register(PRETRAIN)
 def pretrain(artifact: Artifact) -> Group:
     """Every skill of a training."""
-    found, speed = artifact.results, artifact.measured["throughput"]
+    found, measured = PRETRAIN.results_of(artifact), PRETRAIN.measured_of(artifact)
     table = _table("skill", "goal (m)", "at the mean", "sampled latents")
-    for skill in found["skills"]:
-        goal = ", ".join(f"{x:g}" for x in skill["goal"])
-        table.add_row(skill["name"], goal, _centimetres(skill["final_distance_m"]), f"{skill['success_rate']:.0%}")
-    ratio = speed["training_ratio"]
+    for skill in found.skills:
+        goal = ", ".join(f"{x:g}" for x in skill.goal)
+        table.add_row(skill.name, goal, _centimetres(skill.final_distance_m), f"{skill.success_rate:.0%}")
+    ratio = measured.throughput.training_ratio
     share = f", {ratio:.0%} of the bare engine" if ratio else ""
     caption = (
-        f"{found['env_steps']:,} control steps in {artifact.measured['wall_seconds']:.0f} s"
-        f" ({speed['env_steps_per_second']:,.0f}/s{share}); success {found['success_rate']:.1%}, "
-        f"skills recognised {found['embedding']['inference_accuracy']:.1%}"
+        f"{found.env_steps:,} control steps in {measured.wall_seconds:.0f} s"
+        f" ({measured.throughput.env_steps_per_second:,.0f}/s{share}); success {found.success_rate:.1%}, "
+        f"skills recognised {found.embedding.inference_accuracy:.1%}"
     )
-    if found.get("randomised"):
-        other = found["randomised"]
-        median = _centimetres(other["final_distance_m"]["median"])
-        caption += f"\non robots and starts as varied as in training: success {other['success_rate']:.1%}, median {median}"
+    if other := found.randomised:
+        median = _centimetres(other.final_distance_m.median)
+        caption += f"\non robots and starts as varied as in training: success {other.success_rate:.1%}, median {median}"
     return Group(_title(artifact), table, caption)
 
 
+@TABLES.register(EMBED_MEANS)
 def means(artifact: Artifact) -> Group:
     """Every skill's mean latent."""
+    found = EMBED_MEANS.results_of(artifact)
     table = _table("skill", "mean latent", "std", "at the mean")
-    for skill in artifact.results["skills"]:
-        mean, std = (" ".join(f"{x:5.2f}" for x in skill[key]) for key in ("mean", "std"))
-        table.add_row(skill["name"], mean, std, _centimetres(skill["final_distance_m"]))
-    efficiency, r = artifact.results["efficiency"], artifact.results["latent_goal_correlation"]
-    shown = ["–" if number is None else f"{number:.3f}" for number in (efficiency, r)]
+    for skill in found.skills:
+        mean, std = (" ".join(f"{x:5.2f}" for x in latent) for latent in (skill.mean, skill.std))
+        table.add_row(skill.name, mean, std, _centimetres(skill.final_distance_m))
+    shown = ["–" if number is None else f"{number:.3f}" for number in (found.efficiency, found.latent_goal_correlation)]
     caption = f"embedding efficiency {shown[0]} (lower is better separated), latent against goal distances r = {shown[1]}"
-    return Group(_title(artifact), table, caption, *_between(artifact))
+    return Group(_title(artifact), table, caption, *_between(found.halfway))
 
 
-def _between(artifact: Artifact) -> list[Table]:
+def _between(halfway: Sequence[Halfway]) -> list[Table]:
     """What the mean of two neighbouring latents does."""
-    if not artifact.results["halfway"]:
+    if not halfway:
         return []
     table = _table("mean of", "from half-way between the goals", "direction off by", "way against that")
-    for pair in artifact.results["halfway"]:
-        angle, ratio = pair["direction_error_deg"], pair["magnitude_ratio"]
+    for pair in halfway:
+        angle, ratio = pair.direction_error_deg, pair.magnitude_ratio
         shown = ("–" if angle is None else f"{angle:.0f}°", "–" if ratio is None else f"{ratio:.2f}")
-        table.add_row(f"{pair['from']}, {pair['to']}", _centimetres(pair["final_distance_m"]), *shown)
+        table.add_row(f"{pair.from_}, {pair.to}", _centimetres(pair.final_distance_m), *shown)
     return [table]
 
 
+@TABLES.register(COMPOSE)
 def plan(artifact: Artifact) -> Group:
     """Every waypoint of a composition."""
-    found = artifact.results
+    found = COMPOSE.results_of(artifact)
     table = _table("waypoint", "target (m)", "closest")
-    for index, waypoint in enumerate(found["waypoints"]):
-        target = ", ".join(f"{x:g}" for x in waypoint["target"])
-        table.add_row(str(index + 1), target, _centimetres(waypoint["closest_m"]))
-    steps = " ".join(f"{segment['skill']}:{segment['seconds']:.2f}s" for segment in found["segments"])
-    met = "success" if found["success"] else "no success"
-    limits = [f"breaks {where(broken)}" for broken in found.get("broken", ())]  # older artifacts do not say
-    ends = f"ends {_centimetres(found['final_distance_m'])} from the last goal"
-    if found["routes"] > 1:
-        met, ends = f"{round(found['success_rate'] * found['routes'])} of {found['routes']} routes succeed", f"the worst {ends}"
+    for index, waypoint in enumerate(found.waypoints):
+        target = ", ".join(f"{x:g}" for x in waypoint.target)
+        table.add_row(str(index + 1), target, _centimetres(waypoint.closest_m))
+    steps = " ".join(f"{segment.skill}:{segment.seconds:.2f}s" for segment in found.segments)
+    met = "success" if found.success else "no success"
+    limits = [f"breaks {where(broken)}" for broken in found.broken]
+    ends = f"ends {_centimetres(found.final_distance_m)} from the last goal"
+    if found.routes > 1:
+        met, ends = f"{round(found.success_rate * found.routes)} of {found.routes} routes succeed", f"the worst {ends}"
         steps = "; ".join(
-            " ".join(f"{each['skill']}:{each['seconds']:.2f}s" for each in found["segments"] if each["route"] == route)
-            for route in range(found["routes"])
+            " ".join(f"{each.skill}:{each.seconds:.2f}s" for each in found.segments if each.route == route)
+            for route in range(found.routes)
         )
-    effort = f"planned in {artifact.measured['planning_seconds']:.1f} s, {found['expanded_nodes']} nodes"
+    effort = f"planned in {COMPOSE.measured_of(artifact).planning_seconds:.1f} s, {found.expanded_nodes} nodes"
     caption = "\n".join([f"{met}, {ends}; {effort}", *limits, f"plan {steps}"])
-    return Group(_title(artifact, f": {found['method']}, {found['task']}"), table, caption)
+    return Group(_title(artifact, f": {found.method}, {found.task}"), table, caption)
 
 
-def where(broken: dict[str, Any]) -> str:
+def where(broken: BrokenLimit) -> str:
     """Which limit a plan breaks, and where first."""
-    steps, place = broken["control_steps"], ", ".join(f"{x:.2f}" for x in broken["gripper_m"])
+    steps, place = broken.control_steps, ", ".join(f"{x:.2f}" for x in broken.gripper_m)
     return (
-        f"{broken['limit']} in route {broken['route'] + 1} for {steps} control step{'s' if steps > 1 else ''}, "
-        f"first at {broken['seconds']:.2f} s in segment {broken['segment'] + 1} with the gripper at ({place}) m"
+        f"{broken.limit} in route {broken.route + 1} for {steps} control step{'s' if steps > 1 else ''}, "
+        f"first at {broken.seconds:.2f} s in segment {broken.segment + 1} with the gripper at ({place}) m"
     )
 
 
+@TABLES.register(TRANSFER_EVAL)
 def transfer(artifact: Artifact) -> Group:
     """Every domain of a transfer."""
-    found = artifact.results
+    found = TRANSFER_EVAL.results_of(artifact)
     table = _table("domain", "success", "95 %", "gap", "retention", "median", "p90", "replay")
-    for domain in found["domains"]:
-        distance, retention = domain["final_distance_m"], domain["retention"]
-        gap, replay = domain.get("gap"), domain.get("replay_error_m")  # older artifacts do not say
+    for domain in found.domains:
+        distance, replay = domain.final_distance_m, domain.replay_error_m
         table.add_row(
-            domain["name"], f"{domain['successes']}/{domain['episodes']}", _interval(domain),
-            "–" if gap is None else f"{gap:.0%}", "–" if retention is None else f"{retention:.2f}",
-            _centimetres(distance["median"]), _centimetres(distance["p90"]), _centimetres(replay["median"] if replay else None),
+            domain.name, f"{domain.successes}/{domain.episodes}", _interval(domain),
+            "–" if domain.gap is None else f"{domain.gap:.0%}", "–" if domain.retention is None else f"{domain.retention:.2f}",
+            _centimetres(distance.median), _centimetres(distance.p90), _centimetres(replay.median if replay else None),
         )  # fmt: skip
-    again = ", planned again on the way" if found.get("replanned") else ""
-    robot = f"the robot of {found['robot']['file']}" if found.get("robot") else "other robots"
-    said = [f"source: success {found['source']['success_rate']:.0%}", *_footnotes(found)]
-    parts = [part for domain in found["domains"] if (part := _sensitivity(domain))]
+    again = ", planned again on the way" if found.replanned else ""
+    robot = f"the robot of {found.robot.file}" if found.robot else "other robots"
+    said = [f"source: success {found.source.success_rate:.0%}", *_footnotes(found)]
+    parts = [part for domain in found.domains if (part := _sensitivity(domain))]
     return Group(_title(artifact, f": {artifact.parents[0].id} on {robot}{again}"), table, "\n".join(said), *parts)
 
 
-def _interval(outcome: Mapping[str, Any]) -> str:
+def _interval(outcome: Outcome) -> str:
     """The interval of a success rate, where anything is left to chance."""
-    low, high = outcome["ci95"]
-    return "exact" if outcome.get("deterministic") else f"{low:.0%}–{high:.0%}"
+    low, high = outcome.ci95
+    return "exact" if outcome.deterministic else f"{low:.0%}–{high:.0%}"
 
 
-def _once(domains: Sequence[Mapping[str, Any]]) -> list[str]:
+def _once(domains: Sequence[DomainResults]) -> list[str]:
     """Of domains in which every episode would be the same."""
-    once = [domain for domain in domains if domain.get("deterministic")]
-    names = ", ".join(domain["name"] for domain in once)
-    return [f"{names}: deterministic, one episode of each route or skill, no interval"] if once else []
+    names = ", ".join(domain.name for domain in domains if domain.deterministic)
+    return [f"{names}: deterministic, one episode of each route or skill, no interval"] if names else []
 
 
-def _unstable(domains: Sequence[Mapping[str, Any]]) -> list[str]:
+def _unstable(domains: Sequence[DomainResults]) -> list[str]:
     """Of domains in which simulations came apart."""
-    told = [f"{each['name']} in {each['unstable']} of {each['episodes']} episodes" for each in domains if each.get("unstable")]
+    told = [f"{each.name} in {each.unstable} of {each.episodes} episodes" for each in domains if each.unstable]
     return [f"unstable: {', '.join(told)}; the simulation came apart, no distance is counted"] if told else []
 
 
-def _gave_up(domains: Sequence[Mapping[str, Any]]) -> list[str]:
+def _gave_up(domains: Sequence[DomainResults]) -> list[str]:
     """Of domains in which episodes that were planned again ended away from their goal."""
-    told = [f"{each['name']} in {each['gave_up']} of {each['episodes']} episodes" for each in domains if each.get("gave_up")]
+    told = [f"{each.name} in {each.gave_up} of {each.episodes} episodes" for each in domains if each.gave_up]
     return [f"gave up: {', '.join(told)}; no latent that was tried led near the goal in time"] if told else []
 
 
-def _footnotes(found: Mapping[str, Any]) -> list[str]:
+def _footnotes(found: TransferEvalResults) -> list[str]:
     """Of a transfer: what `replay` is, limits that are broken, the worst episode by the name that it has in the viewer."""
-    said = [*_unstable(found["domains"]), *_gave_up(found["domains"]), *_once(found["domains"])]
-    if "worst" not in found["domains"][0]:
+    said = [*_unstable(found.domains), *_gave_up(found.domains), *_once(found.domains)]
+    if not found.domains[0].worst:
         return said
     lines = [*said, "replay: the source's commands sent blindly, median distance between where they end here and there"]
-    broken = [
-        f"{name}: {limit} in {count} episodes"
-        for name, part in [("source", found["source"]), *((domain["name"], domain) for domain in found["domains"])]
-        for limit, count in part["violations"].items()
-        if count
-    ]
+    counted = [("source", found.source.violations), *((domain.name, domain.violations) for domain in found.domains)]
+    broken = [f"{name}: {limit} in {count} episodes" for name, part in counted for limit, count in part.items() if count]
     lines += [f"safety limits broken: {'; '.join(broken)}"] if broken else []
-    ended = [(each["final_distance_m"], each["episode"] - first, name) for name, first, each in _worst(found["domains"])]
+    ended = [
+        (each.final_distance_m, each.episode - first, name)
+        for name, first, each in _worst(found.domains)
+        if each.final_distance_m is not None
+    ]
     if not ended:
         return lines
     distance, episode, name = max(ended)
     return [*lines, f"farthest off: {name} {episode}, {_centimetres(distance)}"]
 
 
-def _worst(domains: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, int, Mapping[str, Any]]]:
+def _worst(domains: Sequence[DomainResults]) -> Iterator[tuple[str, int, WorstEpisode]]:
     """The episode of each domain that ends farthest off, with the domain and the number of its first episode."""
     first = 0
     for domain in domains:
-        ended = [each for each in domain["worst"] if each["final_distance_m"] is not None]
-        yield from ((domain["name"], first, each) for each in ended[:1])
-        first += domain["episodes"]
+        ended = [each for each in domain.worst if each.final_distance_m is not None]
+        yield from ((domain.name, first, each) for each in ended[:1])
+        first += domain.episodes
 
 
-def _sensitivity(domain: dict[str, Any]) -> Table | None:
+def _sensitivity(domain: DomainResults) -> Table | None:
     """Each parameter of a domain alone."""
-    if not domain.get("sensitivity"):
+    if not domain.sensitivity:
         return None
-    table = _table(f"{domain['name']}: alone", "success", "95 %", "median")
-    for row in domain["sensitivity"]:
-        shown = f"{row['successes']}/{row['episodes']}", _interval(row)
-        table.add_row(row["parameter"], *shown, _centimetres(row["final_distance_m"]["median"]))
+    table = _table(f"{domain.name}: alone", "success", "95 %", "median")
+    for row in domain.sensitivity:
+        shown = f"{row.successes}/{row.episodes}", _interval(row)
+        table.add_row(row.parameter, *shown, _centimetres(row.final_distance_m.median))
     return table
-
-
-SHOWN: dict[str, Callable[[Artifact], Group]] = {
-    "pretrain": pretrain,
-    "embed-means": means,
-    "compose": plan,
-    "transfer-eval": transfer,
-}

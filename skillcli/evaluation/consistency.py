@@ -16,11 +16,12 @@ from skillcli.errors import StoreError, UsageError
 from skillcli.learning.shapes import weight_shapes
 from skillcli.recipe import Recipe, resolve
 from skillcli.robots.config import bundled_robots, describe_robot
-from skillcli.store import Artifact
+from skillcli.store import Artifact, kind_spec
+from skillcli.store.kinds import AnyKind
+from skillcli.store.kinds.spec import Arrays, Results
 from skillcli.store.migrate import brought_up
 from skillcli.store.schema import check_parents
 from skillcli.tasks.world import recorded, sizes, skill_goals
-from skillcli.trajectories import Array
 
 TRAINED = (
     "robot",
@@ -67,7 +68,7 @@ def check_meaning(artifact: Artifact) -> None:
     check_parents(artifact.kind, [parent.id.stage for parent in artifact.parents], str(artifact.id))
     recipe = _understood(artifact, ("name", *TRAINED))
     arrays, results = brought_up(artifact)
-    problems = list(islice(_problems(artifact.kind, recipe, arrays, results), _SHOWN))
+    problems = list(islice(_problems(kind_spec(artifact.kind), recipe, arrays, results), _SHOWN))
     if problems:
         raise StoreError(
             f"{artifact.id} is not what its recipe says: {'; '.join(problems)}", "it was not made by skill: make it anew"
@@ -98,24 +99,23 @@ def _understood(artifact: Artifact, sections: Iterable[str]) -> Recipe:
         ) from error
 
 
-Arrays = dict[str, Array]
-
-
-def _problems(kind: str, recipe: Recipe, arrays: Arrays, results: dict[str, object]) -> Iterator[str]:
-    yield from _recording(recipe, arrays, kind)
-    if kind in ("pretrain", "embed-means"):
+def _problems(spec: AnyKind, recipe: Recipe, arrays: Arrays, results: Results) -> Iterator[str]:
+    """What each folder of arrays that the kind has must agree with."""
+    yield from _recording(recipe, arrays)
+    if spec.holds("skills"):
         yield from _skills(recipe, arrays, results)
-    if kind == "pretrain":
+    if spec.holds("weights"):
         yield from _weights(recipe, arrays)
+    if spec.holds("evaluation"):
         yield from _evaluation(recipe, arrays)
-    if kind == "compose":
+    if spec.holds("plan"):
         yield from _plan(recipe, arrays, results)
     unknown = {path.split("/")[2] for path in arrays if path.startswith("domains/")} - PARAMETERS.keys()
     if unknown:
         yield f"a domain varies {', '.join(sorted(unknown))}, which is no parameter"
 
 
-def _recording(recipe: Recipe, arrays: Arrays, kind: str) -> Iterator[str]:
+def _recording(recipe: Recipe, arrays: Arrays) -> Iterator[str]:
     """Latents, skills, actions, clock and positions, which every kind has."""
     task, skill = recipe.task, arrays["trajectories/skill"]
     joints = _joints(recipe, arrays)
@@ -136,8 +136,6 @@ def _recording(recipe: Recipe, arrays: Arrays, kind: str) -> Iterator[str]:
         yield f"trajectories/time does not go on by {task.control_period} s"
     if {path.removeprefix("trajectories/") for path in arrays} & _PLACES != set(places):
         yield f"its positions are not those of the {task.name} task"
-    if kind in ("pretrain", "embed-means") and steps != task.horizon:
-        yield f"its episodes have {steps} control steps, its recipe {task.horizon}"
 
 
 _PLACES = {"position", "gripper_position", "object_pose", "joint_position"}
@@ -150,15 +148,17 @@ def _joints(recipe: Recipe, arrays: Arrays) -> int:
     return int(arrays["trajectories/action"].shape[-1])
 
 
-def _skills(recipe: Recipe, arrays: Arrays, results: dict[str, object]) -> Iterator[str]:
+def _skills(recipe: Recipe, arrays: Arrays, results: Results) -> Iterator[str]:
+    """Skills, one by one; their latents are held from the start to the end of an episode."""
+    steps = arrays["trajectories/skill"].shape[1]
+    if steps != recipe.task.horizon:
+        yield f"its episodes have {steps} control steps, its recipe {recipe.task.horizon}"
     goals, shape = skill_goals(recipe.task), (len(recipe.task.goals), recipe.embedding.size)
     if arrays["embedding/mean"].shape != shape:
         yield f"embedding/mean has shape {arrays['embedding/mean'].shape}, expected {shape}"
     elif not np.allclose(arrays["skills/goal"], goals, atol=1e-9):
         yield "skills/goal holds other goals"
-    listed = results["skills"]
-    assert isinstance(listed, list)  # the store sees to it
-    if tuple(skill["name"] for skill in listed) != skill_names(recipe):
+    if tuple(skill["name"] for skill in results["skills"]) != skill_names(recipe):
         yield "results.skills names other skills"
 
 
@@ -202,7 +202,7 @@ def _evaluation(recipe: Recipe, arrays: Arrays) -> Iterator[str]:
         yield f"it keeps {len(arrays['trajectories/length'])} episodes, expected {kept}"
 
 
-def _plan(recipe: Recipe, arrays: Arrays, results: dict[str, object]) -> Iterator[str]:
+def _plan(recipe: Recipe, arrays: Arrays, results: Results) -> Iterator[str]:
     skills = len(recipe.task.goals)
     if results["method"] not in COMPOSERS:
         yield f"results.method must be one of {', '.join(COMPOSERS)}"

@@ -15,7 +15,7 @@ from skillcli.errors import StoreError, UsageError
 from skillcli.evaluation.consistency import TRAINED, check_meaning, check_same_skills, skill_names, stored_recipe
 from skillcli.learning.agent import Agent
 from skillcli.recipe import Recipe
-from skillcli.store import Artifact, ArtifactId, Store
+from skillcli.store import PRETRAIN, Artifact, ArtifactId, Store
 from skillcli.tasks.world import World
 from skillcli.trajectories import Array
 
@@ -65,7 +65,7 @@ def open_library(store: Store, artifact: Artifact) -> Library:
     Raises:
         StoreError: there is no pretrain artifact among its ancestors, or one of the two is not what its recipe says.
     """
-    source = artifact if artifact.kind == "pretrain" else store.read(ancestor(store, artifact.id, "pretrain"))
+    source = artifact if PRETRAIN.is_kind_of(artifact) else store.read(ancestor(store, artifact.id, PRETRAIN.name))
     for one in {source.id: source, artifact.id: artifact}.values():
         check_meaning(one)
     check_same_skills(artifact, source)

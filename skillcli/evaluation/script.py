@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skillcli.evaluation.library import Library
-from skillcli.store import Artifact
+from skillcli.store import Artifact, kind_spec
 from skillcli.trajectories import Array
 
 
@@ -27,8 +27,8 @@ class Script:
 
     @staticmethod
     def of(source: Artifact, library: Library) -> Script:
-        """The script of a compose artifact, or of the skills of any other kind; one episode of each route or skill."""
-        if source.kind == "compose":
+        """The script of an artifact that holds a plan, or of the skills of any other; one episode of each route or skill."""
+        if kind_spec(source.kind).holds("plan"):
             trajectory, route = source.group("trajectories"), source.arrays["waypoints/route"]
             latents, skills = trajectory["latent"], trajectory["skill"]
             period = library.recipe.task.control_period  # a route that failed in the source is sent whole all the same

@@ -15,7 +15,8 @@ from skillcli.evaluation.request import Request
 from skillcli.evaluation.trial import Target
 from skillcli.simulation.domains import find_domains
 from skillcli.stages import compose, embed_means, pretrain, transfer_eval
-from skillcli.store import Artifact, Store, content_hash
+from skillcli.store import COMPOSE, TRANSFER_EVAL, Artifact, Store, content_hash
+from skillcli.store.kinds.compose import GOALS
 from skillcli.tasks.world import World
 from skillcli.trajectories import Array
 
@@ -64,27 +65,27 @@ def of_embed_means(artifact: Artifact) -> str:
 
 def of_compose(artifact: Artifact) -> str:
     """What a plan that was made in the simulation was made from."""
-    results, arrays = artifact.results, artifact.arrays
-    if not artifact.parents or results.get("on"):
+    results, arrays = COMPOSE.results_of(artifact), artifact.arrays
+    if not artifact.parents or results.on:
         return ""
     target, route = arrays["waypoints/target"], arrays["waypoints/route"]
-    routes = tuple(target[route == index] for index in range(results["routes"]))
-    request = Request("" if results["task"] == "goals" else results["task"], routes)
-    return compose.inputs_of(artifact.parents[0], stored_recipe(artifact), request, results["method"], artifact.seed)
+    routes = tuple(target[route == index] for index in range(results.routes))
+    request = Request("" if results.task == GOALS else results.task, routes)
+    return compose.inputs_of(artifact.parents[0], stored_recipe(artifact), request, results.method, artifact.seed)
 
 
 def of_transfer_eval(artifact: Artifact, domains: Sequence[str], episodes: int) -> str:
     """What a transfer to these domains, of the skills' own robot, was made from; they are told by what was drawn of them."""
-    results, found = artifact.results, find_domains(domains)
-    named = [domain["name"] for domain in results["domains"]] == [domain.name for domain in found]
-    if not artifact.parents or not named or results.get("robot"):
+    results, found = TRANSFER_EVAL.results_of(artifact), find_domains(domains)
+    named = [domain.name for domain in results.domains] == [domain.name for domain in found]
+    if not artifact.parents or not named or results.robot:
         return ""
     joints = World.of(stored_recipe(artifact)).joints
     for domain in found:
         drawn = Target.drawn(domain, episodes, artifact.seed, joints).parameters
         if not _begins(artifact.group(f"domains/{domain.name}"), drawn):
             return ""
-    sensitivity = any("sensitivity" in domain for domain in results["domains"])
+    sensitivity = any(domain.sensitivity is not None for domain in results.domains)
     return transfer_eval.inputs_of(
         artifact.parents[0], stored_recipe(artifact), domains, episodes, artifact.seed, sensitivity=sensitivity
     )

@@ -18,6 +18,7 @@ from skillcli.evaluation.sampled_robots import Robots
 from skillcli.progress import silent
 from skillcli.recipe import Recipe, resolve
 from skillcli.simulation.arm_environment import ArmEnvironment
+from skillcli.store.kinds.transfer_eval import DomainResults
 from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.reach.settings import ReachTask
 from skillcli.trajectories import SAFETY_LIMITS, Array, Trajectories
@@ -177,7 +178,11 @@ def test_an_episode_that_never_comes_near_says_that_it_gave_up() -> None:
 
 
 def test_who_gave_up_is_told_below_the_table() -> None:
-    rows = [{"name": "mild", "episodes": 20, "gave_up": 0}, {"name": "odd", "episodes": 20, "gave_up": 2}, {"name": "old"}]
+    ended = {"mean": 0.1, "median": 0.1, "p90": 0.1}
+    told = {"episodes": 20, "successes": 9, "success_rate": 0.45, "ci95": [0.3, 0.6], "final_distance_m": ended}
+    more = {**told, "retention": None, "parameters": {}}
+    counts: list[tuple[str, dict[str, int]]] = [("mild", {"gave_up": 0}), ("odd", {"gave_up": 2}), ("old", {})]
+    rows = [DomainResults.read({**more, "name": name, **count}) for name, count in counts]
     assert _gave_up(rows) == ["gave up: odd in 2 of 20 episodes; no latent that was tried led near the goal in time"]
     assert _gave_up(rows[:1]) == []
 
