@@ -1,6 +1,6 @@
 """One figure per artifact, drawn without a viewer and without a window.
 
-`figure` is the entry: it chooses the composition for the artifact's kind, draws it and writes the file. The panels are
+`figure` is the entry: it draws what `FIGURES` has for the artifact's kind, and writes the file. The panels are
 in `panels_space` (paths and latents), `panels_time` (what changes) and `panels_transfer` (domains compared).
 """
 
@@ -18,13 +18,16 @@ from matplotlib.gridspec import GridSpec, SubplotSpec
 from matplotlib.lines import Line2D
 
 from skillcli.errors import UsageError
+from skillcli.store import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, ByKind
 from skillcli.viz import motion, panels_space, panels_time, panels_transfer
 from skillcli.viz.canvas import blank, encoded, legend, mark, skill_handles, styled
 from skillcli.viz.files import FORMATS, replacing
 from skillcli.viz.palette import BETWEEN, TARGET
-from skillcli.viz.scene import Scene, drawable
+from skillcli.viz.scene import Runs, Scene, drawable
 
 MAX_COLUMNS = 4  # domains beside one another
+
+FIGURES: ByKind[Callable[[Figure, Scene], None]] = ByKind("figure")
 
 
 def figure(scene: Scene, path: Path) -> None:
@@ -57,15 +60,16 @@ def image(scene: Scene, path: Path) -> bytes:
 
 def draw(scene: Scene) -> Figure:
     """The figure of a scene, not yet written."""
-    compositions: dict[str, Callable[[Figure, Scene], None]] = {"compose": _composed, "transfer-eval": _transferred}
+    compose = FIGURES.of(scene.kind)
     drawn = blank(10.5, 6.0)
-    compositions.get(scene.kind, _learned)(drawn, scene)
+    compose(drawn, scene)
     return drawn
 
 
 # --- compositions -----------------------------------------------------------------------------------------------------
 
 
+@FIGURES.register(PRETRAIN, EMBED_MEANS)
 def _learned(drawn: Figure, scene: Scene) -> None:
     """Skills: their paths, their place in the latent space, their accuracy, and how they were learned."""
     curves = panels_time.curve_panels(scene)[:3]
@@ -87,6 +91,7 @@ def _learned(drawn: Figure, scene: Scene) -> None:
     _skill_legend(drawn, scene, range(len(scene.skills)))
 
 
+@FIGURES.register(COMPOSE)
 def _composed(drawn: Figure, scene: Scene) -> None:
     """A plan as it was executed: in space, in the latent space and over time."""
     drawn.set_size_inches(10.5, 5.6)
@@ -108,6 +113,7 @@ def _composed(drawn: Figure, scene: Scene) -> None:
     _skill_legend(drawn, scene, panels_space.fed_skills(scene))
 
 
+@FIGURES.register(TRANSFER_EVAL)
 def _transferred(drawn: Figure, scene: Scene) -> None:
     """Domains compared: every path, the success with its interval, and the final distances."""
     names = list(motion.domains(scene))
@@ -162,11 +168,11 @@ def _head(drawn: Figure, scene: Scene) -> None:
     """The artifact's id, and what was counted."""
     episodes, at_means = scene.trajectories.episodes, len(motion.mean_episodes(scene))
     counted = f"{episodes} episode" + ("s" if episodes != 1 else "")
-    if scene.kind in ("pretrain", "embed-means"):
+    if scene.runs.held:
         sampled = episodes - at_means
-        others = "sampled latents" if scene.kind == "pretrain" else "means of two neighbours"
+        others = "sampled latents" if scene.runs is Runs.SAMPLED else "means of two neighbours"
         counted = f"{at_means} skills at their mean latents" + (f", {sampled} {others}" if sampled else "")
-    elif scene.kind == "compose" and episodes > 1:
+    elif scene.runs is Runs.PLANNED and episodes > 1:
         counted += f", over time: {scene.episode_labels[0]}"
     drawn.suptitle(f"{scene.title}   (n = {counted})", x=0.01, ha="left", fontsize=9.5, fontweight="bold")
 
@@ -175,10 +181,10 @@ def _skill_legend(drawn: Figure, scene: Scene, skills: range | list[int]) -> Non
     """Number, name and look of the skills in use, and the marks of an execution, below everything."""
     names = ["between (mixed)" if skill < 0 else panels_space.numbered(scene, skill) for skill in skills]
     handles: list[Artist] = [*skill_handles(zip(skills, names, strict=True))]
-    if scene.kind in ("compose", "transfer-eval"):
+    if not scene.runs.held:
         handles += [mark("start", "o", "white"), mark("success", "o"), mark("failure", "X", "white")]
         handles += [mark("goal of a skill", "+", size=6)]
-    if scene.kind == "embed-means" and scene.trajectories.episodes > len(scene.skills):
+    if scene.runs is Runs.BETWEEN and scene.trajectories.episodes > len(scene.skills):
         handles.append(Line2D([], [], color=TARGET, ls=":", marker="D", ms=3.5, label="mean of two neighbours"))
         handles.append(mark("half-way between their goals", "x", size=5))
     if scene.trajectories.object_pose is not None and scene.trajectories.gripper_position is not None:

@@ -2,30 +2,50 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
 import numpy as np
 
 from skillcli.evaluation.library import Library, kin, open_library
-from skillcli.store import Artifact, ArtifactId, Store
+from skillcli.store import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, Artifact, ArtifactId, ByKind, Store, kind_spec
 from skillcli.trajectories import Array, Trajectories
-from skillcli.viz.scene import Scene
+from skillcli.viz.scene import Runs, Scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shown:
+    """What a kind of artifact adds to its recording of E episodes; see `Scene`."""
+
+    runs: Runs
+    labels: tuple[str, ...]  # (E,)
+    turn: Array | None = None  # (E,) which episode of its domain each one is, from 0; None: there are no domains
+    intervals: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    source: Trajectories | None = None
+    other_robot: str = ""
+    drawn: Mapping[str, Array] = field(default_factory=dict)
+
+
+SHOWN: ByKind[Callable[[Store, Artifact, Library], Shown]] = ByKind("picture")
 
 
 def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
     """Everything there is to draw of an artifact.
 
     Raises:
-        StoreError: it, or the skills it was made from, cannot be read.
+        StoreError: it, or the skills it was made from, cannot be read; or nothing is drawn of its kind.
     """
     artifact = store.read(artifact_id)
     library = open_library(store, artifact)
     recording = Trajectories(**artifact.group("trajectories"))
     task = library.recipe.task
     waypoints, waypoint_route, routes = _waypoints(store, artifact, library)
-    turn = _turn(artifact, recording.episodes)
-    source = _source(store, artifact, library)
+    shown = SHOWN.of(artifact.kind)(store, artifact, library)
+    turn = np.arange(recording.episodes) if shown.turn is None else shown.turn
     return Scene(
         title=str(artifact.id),
         kind=artifact.kind,
+        runs=shown.runs,
         task=task.name,
         drawing=library.world.spec.drawing,
         provenance=artifact.provenance(),
@@ -41,66 +61,78 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
         means=library.mean,
         stds=library.std,
         curves=artifact.group("curves"),
-        episode_labels=_labels(artifact, library.names, recording),
-        intervals={domain["name"]: (domain["success_rate"], *domain["ci95"]) for domain in artifact.results.get("domains", [])},
-        source=source,
-        episode_source=turn % (source.episodes if source else 1),
-        other_robot=(artifact.results.get("robot") or {}).get("file", ""),
-        drawn=_drawn(artifact, recording.episodes),
+        episode_labels=shown.labels,
+        intervals=shown.intervals,
+        source=shown.source,
+        episode_source=turn % (shown.source.episodes if shown.source else 1),
+        other_robot=shown.other_robot,
+        drawn=shown.drawn,
     )
 
 
-def _turn(artifact: Artifact, episodes: int) -> Array:
-    """Which episode of its domain, or of the whole recording where there are none, each one is, (E,) from 0."""
-    if artifact.kind != "transfer-eval":
-        return np.arange(episodes)
-    counts = np.bincount(artifact.arrays["episodes/domain"], minlength=len(artifact.results["domains"]))
-    return np.concatenate([np.arange(count) for count in counts])
-
-
 def _waypoints(store: Store, artifact: Artifact, library: Library) -> tuple[Array, Array, int]:
-    """Waypoints (W, 3) m of the composition that an artifact is or was made from, their routes (W,), and how many routes."""
+    """Waypoints (W, 3) m of the plan that an artifact holds or was made from, their routes (W,), and how many routes."""
     for candidate in (artifact.id, *store.lineage(artifact.id)):
-        if candidate.stage == "compose":
+        if kind_spec(candidate.stage).holds("waypoints"):
             arrays = kin(store, candidate, library).arrays
             route = arrays["waypoints/route"]
             return arrays["waypoints/target"], route, int(route.max()) + 1
     return np.zeros((0, 3)), np.zeros(0, dtype=int), 1
 
 
-def _source(store: Store, artifact: Artifact, library: Library) -> Trajectories | None:
+@SHOWN.register(PRETRAIN)
+def _trained(_store: Store, artifact: Artifact, library: Library) -> Shown:
+    skills, episodes = library.names, len(artifact.arrays["trajectories/length"])
+    each = episodes // len(skills)
+    labels = (f"skill {skills[e // each]}" + (f", latent {e % each}" if e % each else "") for e in range(episodes))
+    return Shown(runs=Runs.SAMPLED, labels=tuple(labels))
+
+
+@SHOWN.register(EMBED_MEANS)
+def _embedded(_store: Store, artifact: Artifact, library: Library) -> Shown:
+    between = (f"between {pair.from_} and {pair.to}" for pair in EMBED_MEANS.results_of(artifact).halfway)
+    return Shown(runs=Runs.BETWEEN, labels=(*(f"skill {skill}" for skill in library.names), *between))
+
+
+@SHOWN.register(COMPOSE)
+def _composed(_store: Store, artifact: Artifact, _library: Library) -> Shown:
+    found = COMPOSE.results_of(artifact)
+    routes = [f" {route + 1}" for route in range(found.routes)] if found.routes > 1 else [""]
+    return Shown(runs=Runs.PLANNED, labels=tuple(f"{found.method} {found.task}{route}" for route in routes))
+
+
+@SHOWN.register(TRANSFER_EVAL)
+def _transferred(store: Store, artifact: Artifact, library: Library) -> Shown:
+    found, domain = TRANSFER_EVAL.results_of(artifact), artifact.arrays["episodes/domain"]
+    names = [each.name for each in found.domains]
+    turn = np.concatenate([np.arange(count) for count in np.bincount(domain, minlength=len(names))])
+    return Shown(
+        runs=Runs.DOMAINS,
+        labels=tuple(f"{names[index]} {episode}" for index, episode in zip(domain, turn, strict=True)),
+        turn=turn,
+        intervals={each.name: (each.success_rate, *each.ci95) for each in found.domains},
+        source=_sent(store, artifact, library),
+        other_robot=found.robot.file if found.robot else "",
+        drawn=_drawn(artifact, names),
+    )
+
+
+def _sent(store: Store, artifact: Artifact, library: Library) -> Trajectories:
     """What a transfer sent, as the source recorded it: each route of a composition, or each bare skill at its mean."""
-    if artifact.kind != "transfer-eval":
-        return None
     parent, skills = kin(store, artifact.parents[0].id, library), len(library.names)
     recording = Trajectories(**parent.group("trajectories"))
-    if parent.kind == "compose":
+    spec = kind_spec(parent.kind)
+    if spec.holds("plan"):
         return recording
-    every = recording.episodes // skills if parent.kind == "pretrain" else 1  # the mean comes first of each skill's latents
+    every = recording.episodes // skills if spec.holds("evaluation") else 1  # the mean comes first of each skill's latents
     return recording.select(np.arange(skills) * every)
 
 
-def _drawn(artifact: Artifact, episodes: int) -> dict[str, Array]:
+def _drawn(artifact: Artifact, names: list[str]) -> dict[str, Array]:
     """Parameters drawn for each episode of a transfer, (E,) or (E, n) by name; NaN where a domain leaves one alone."""
     found: dict[str, Array] = {}
-    for index, domain in enumerate(artifact.results.get("domains", [])):
-        rows = artifact.arrays["episodes/domain"] == index
-        for name, values in artifact.group(f"domains/{domain['name']}").items():
-            found.setdefault(name, np.full((episodes, *values.shape[1:]), np.nan))[rows] = values
+    domain = artifact.arrays["episodes/domain"]
+    for index, each in enumerate(names):
+        for name, values in artifact.group(f"domains/{each}").items():
+            found.setdefault(name, np.full((len(domain), *values.shape[1:]), np.nan))[domain == index] = values
     return found
-
-
-def _labels(artifact: Artifact, skills: tuple[str, ...], recording: Trajectories) -> tuple[str, ...]:
-    if artifact.kind == "transfer-eval":
-        names = [domain["name"] for domain in artifact.results["domains"]]
-        index, turn = artifact.arrays["episodes/domain"], _turn(artifact, recording.episodes)
-        return tuple(f"{names[domain]} {episode}" for domain, episode in zip(index, turn, strict=True))
-    if artifact.kind == "compose":
-        found = artifact.results
-        routes = [f" {route + 1}" for route in range(found["routes"])] if found["routes"] > 1 else [""]
-        return tuple(f"{found['method']} {found['task']}{route}" for route in routes)
-    if artifact.kind == "embed-means":
-        between = [f"between {pair['from']} and {pair['to']}" for pair in artifact.results["halfway"]]
-        return (*(f"skill {skill}" for skill in skills), *between)
-    each = recording.episodes // len(skills)
-    return tuple(f"skill {skills[e // each]}" + (f", latent {e % each}" if e % each else "") for e in range(recording.episodes))

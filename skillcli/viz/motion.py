@@ -11,7 +11,7 @@ import numpy as np
 from skillcli.metrics import final_distance, ordered_approach
 from skillcli.trajectories import Array
 from skillcli.viz.palette import Look, fed_look
-from skillcli.viz.scene import Scene
+from skillcli.viz.scene import Runs, Scene
 
 MAX_PLAYED = 8  # episodes shown moving; more make a recording long, not clearer
 MAX_TRANSFERRED = 20  # the same over all domains of a transfer, but each domain has one
@@ -74,7 +74,7 @@ def pieces(scene: Scene, episode: int) -> list[Piece]:
     """The episode cut where the latent changes; a latent that changes at every step (a blend) is one piece."""
     length = int(scene.trajectories.length[episode])
     skill, latent = scene.trajectories.skill[episode, :length], scene.trajectories.latent[episode, :length]
-    if scene.kind in ("pretrain", "embed-means"):
+    if scene.runs.held:
         return [Piece(0, length, episode_skill(scene, episode))]
     changed = (np.diff(skill) != 0) | np.any(np.diff(latent, axis=0) != 0, axis=-1)
     cuts = [0, *(np.flatnonzero(changed) + 1).tolist(), length]
@@ -156,9 +156,9 @@ def played(scene: Scene) -> list[int]:
 
     The domain with the worst end comes first, and in it the worst episode.
     """
-    if scene.kind in ("pretrain", "embed-means") and (at_means := list(mean_episodes(scene).values())):
+    if scene.runs.held and (at_means := list(mean_episodes(scene).values())):
         return at_means[:MAX_PLAYED]
-    if scene.kind != "transfer-eval":
+    if scene.runs is not Runs.DOMAINS:
         return list(range(min(scene.trajectories.episodes, MAX_PLAYED)))
     groups, gaps = domains(scene), final_distance(scene.trajectories)
     each = max(1, MAX_TRANSFERRED // max(1, len(groups)))
@@ -189,7 +189,7 @@ def sent(scene: Scene) -> Scene | None:
     routes = np.arange(episodes) % (int(scene.waypoint_route.max(initial=0)) + 1)
     return replace(
         scene,
-        kind="compose",
+        runs=Runs.PLANNED,
         trajectories=scene.source,
         episode_route=routes,
         episode_labels=tuple(f"sent {episode}" for episode in range(episodes)),

@@ -10,7 +10,7 @@ from matplotlib.patches import Circle, Ellipse
 from skillcli.trajectories import Array
 from skillcli.viz import motion
 from skillcli.viz.palette import BETWEEN, TARGET, look
-from skillcli.viz.scene import Scene
+from skillcli.viz.scene import Runs, Scene
 
 Plane = tuple[int, int]  # the two coordinates that are drawn
 
@@ -79,7 +79,7 @@ def paths(axes: Axes, scene: Scene, plane: Plane) -> None:
     """Every episode in the look of its skill: mean latents bold, sampled latents thin."""
     bold, data = motion.mean_episodes(scene), scene.trajectories
     rest = [episode for episode in range(data.episodes) if episode not in bold.values()]
-    if scene.kind == "embed-means":
+    if scene.runs is Runs.BETWEEN:
         _between(axes, scene, plane, rest)
         rest = []
     # one collection: hundreds of lines of their own take seconds to lay out
@@ -164,7 +164,7 @@ def coincident(spots: Array, within: float) -> list[list[int]]:
 
 def executed(axes: Axes, scene: Scene, plane: Plane, episodes: list[int]) -> None:
     """Executed paths, each piece in the look of the skill that was fed, whose goal is a cross; a single one bold."""
-    single = scene.kind == "compose"
+    single = scene.runs is Runs.PLANNED
     for skill in fed_skills(scene):
         if skill >= 0:
             axes.plot(*scene.goals[skill, list(plane)], color=look(skill).color, marker="+", ms=6, mew=1.2, zorder=2)

@@ -12,7 +12,7 @@ from matplotlib.ticker import FuncFormatter
 from skillcli.trajectories import Array
 from skillcli.viz import motion
 from skillcli.viz.palette import BETWEEN, COLORS, DASHES, TARGET, look
-from skillcli.viz.scene import Scene
+from skillcli.viz.scene import Runs, Scene
 
 FLOOR = 1e-4  # m; a logarithmic axis cannot show an exact hit
 
@@ -65,7 +65,7 @@ def distances(axes: Axes, scene: Scene) -> None:
     """Distance to the goal over time: each skill at its mean, and the 10-90 % band over sampled latents."""
     at_means = motion.mean_episodes(scene)
     sampled: dict[int, list[int]] = {}
-    others = set(range(scene.trajectories.episodes)) - set(at_means.values()) if scene.kind == "pretrain" else ()
+    others = set(range(scene.trajectories.episodes)) - set(at_means.values()) if scene.runs is Runs.SAMPLED else ()
     for episode in others:  # beside means, embed-means holds latents between skills, which have no goal of their own
         sampled.setdefault(motion.episode_skill(scene, episode), []).append(episode)
     shortest = int(scene.trajectories.length.min()) + 1

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from enum import Enum
 
 import mujoco
 import numpy as np
@@ -15,6 +16,20 @@ from skillcli.trajectories import Array, Trajectories
 LONGEST = 40  # characters of a name on a figure
 
 
+class Runs(Enum):
+    """What the episodes of a scene are."""
+
+    SAMPLED = "each skill at its mean latent, then at latents drawn for it"
+    BETWEEN = "each skill at its mean latent, then the means of two neighbours"
+    PLANNED = "the routes of a composition"
+    DOMAINS = "routes or skills, on robots drawn from one domain after the other"
+
+    @property
+    def held(self) -> bool:
+        """Whether every episode holds one latent from the start to the end."""
+        return self in (Runs.SAMPLED, Runs.BETWEEN)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Scene:
     """One artifact as it is drawn. `E` episodes, `K` skills, `W` waypoints, latents of `d` components.
@@ -23,7 +38,8 @@ class Scene:
     """
 
     title: str  # the artifact's id
-    kind: str  # "pretrain" | "embed-means" | "compose" | "transfer-eval"
+    kind: str  # of the artifact
+    runs: Runs
     task: str  # its name
     drawing: Drawing  # how the task is drawn
     provenance: str  # markdown
@@ -67,27 +83,28 @@ class Scene:
 
 def readable(scene: Scene) -> Scene:
     """A scene whose names are one line each, in which nothing acts."""
-    return replace(
-        scene,
-        title=line(scene.title),
-        skills=tuple(map(line, scene.skills)),
-        episode_labels=tuple(map(line, scene.episode_labels)),
-        intervals={line(name): interval for name, interval in scene.intervals.items()},
-        other_robot=line(scene.other_robot),
-        curves={line(name): values for name, values in scene.curves.items()},
-    )
+    return _renamed(scene, line, line, line)
 
 
 def drawable(scene: Scene) -> Scene:
     """The same with names that are no formulas, nor endless."""
     plain = readable(scene)
+    return _renamed(plain, _short, label, lambda name: _success_of(name, plain.skills))
+
+
+Rename = Callable[[str], str]
+
+
+def _renamed(scene: Scene, short: Rename, long: Rename, curve: Rename) -> Scene:
+    """A scene with other texts: those with little room, those with more, and names of curves."""
     return replace(
-        plain,
-        title=_short(plain.title),
-        skills=tuple(map(_short, plain.skills)),
-        episode_labels=tuple(map(label, plain.episode_labels)),
-        intervals={label(name): interval for name, interval in plain.intervals.items()},
-        curves={_success_of(name, plain.skills): values for name, values in plain.curves.items()},
+        scene,
+        title=short(scene.title),
+        skills=tuple(map(short, scene.skills)),
+        episode_labels=tuple(map(long, scene.episode_labels)),
+        intervals={long(name): interval for name, interval in scene.intervals.items()},
+        other_robot=long(scene.other_robot),
+        curves={curve(name): values for name, values in scene.curves.items()},
     )
 
 

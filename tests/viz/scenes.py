@@ -12,10 +12,10 @@ import numpy as np
 from skillcli.metrics import wilson_interval
 from skillcli.tasks.registry import find_task
 from skillcli.trajectories import Array, Trajectories
-from skillcli.viz.scene import Scene
+from skillcli.viz.scene import Runs, Scene
 
 ARM_JOINTS = ("right_j0", "right_j1", "right_j2")
-KINDS = ("pretrain", "embed-means", "compose", "transfer-eval")
+RUNS = {"pretrain": Runs.SAMPLED, "embed-means": Runs.BETWEEN, "compose": Runs.PLANNED, "transfer-eval": Runs.DOMAINS}
 TASKS = ("point", "reach", "push")
 
 ARM = """
@@ -165,6 +165,7 @@ def make(kind: str, task: str, *, sampled: int = 2, model: Any = None, skills: t
     return Scene(
         title=f"{task}/{kind}-v1",
         kind=kind,
+        runs=RUNS[kind],
         task=task,
         drawing=find_task(task).drawing,
         provenance=f"# {task}/{kind}-v1\n\n| field | value |\n|---|---|\n| seed | 0 |\n| recipe | {task} |\n",

@@ -28,7 +28,7 @@ def titles(drawn: Figure) -> list[str]:
 @pytest.mark.parametrize(
     ("kind", "task"),
     [
-        *((kind, "reach") for kind in scenes.KINDS),
+        *((kind, "reach") for kind in scenes.RUNS),
         ("pretrain", "point"),
         ("compose", "push"),
         ("transfer-eval", "push"),

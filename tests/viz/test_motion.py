@@ -9,6 +9,7 @@ import scenes
 from skillcli.trajectories import Trajectories
 from skillcli.viz import motion
 from skillcli.viz.palette import fed_look, look
+from skillcli.viz.scene import Runs
 
 
 def test_a_waypoint_is_passed_where_the_path_leads_away_again() -> None:
@@ -116,7 +117,7 @@ def test_what_was_sent_is_measured_by_its_own_route() -> None:
     scene = routed()
     again = replace(
         scene,
-        kind="transfer-eval",
+        runs=Runs.DOMAINS,
         source=scene.trajectories,
         episode_source=np.array([0, 1]),
         episode_labels=("nominal 0", "nominal 1"),
@@ -167,7 +168,7 @@ def test_a_transfer_runs_the_routes_in_turn() -> None:
     scene = routed()
     again = replace(
         scene,
-        kind="transfer-eval",
+        runs=Runs.DOMAINS,
         trajectories=scene.trajectories.select([1, 0, 1]),
         episode_route=np.array([1, 0, 1]),
         episode_labels=("nominal 0", "nominal 1", "nominal 2"),

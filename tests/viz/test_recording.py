@@ -36,7 +36,7 @@ def packed(color: str, alpha: float = 1.0) -> int:
 
 
 @pytest.mark.parametrize("task", scenes.TASKS)
-@pytest.mark.parametrize("kind", scenes.KINDS)
+@pytest.mark.parametrize("kind", scenes.RUNS)
 def test_every_kind_is_recorded_with_what_its_views_show(kind: str, task: str, tmp_path: Path) -> None:
     scene = scenes.make(kind, task)
     path = tmp_path / "scene.rrd"

@@ -17,7 +17,7 @@ from skillcli.trajectories import Array
 from skillcli.viz import motion, panels_space
 from skillcli.viz.canvas import WIDTH, blank, legend, mark, skill_handles
 from skillcli.viz.palette import BETWEEN, TARGET, look
-from skillcli.viz.scene import Scene
+from skillcli.viz.scene import Runs, Scene
 
 COLUMNS = 4
 MAX_ROUTES = 16
@@ -34,7 +34,7 @@ def skill_pushes(scene: Scene) -> Figure:
     grid = _grid(len(skills), 0.75)
     for skill, axes in zip(skills, grid[1], strict=False):
         style = look(skill)
-        others = range(scene.trajectories.episodes) if scene.kind == "pretrain" else ()
+        others = range(scene.trajectories.episodes) if scene.runs is Runs.SAMPLED else ()
         for episode in others:
             if motion.episode_skill(scene, episode) == skill and episode not in at_means.values():
                 axes.plot(*_moved(scene, episode).T, color=style.color, lw=0.5, alpha=0.45, zorder=2)
@@ -44,7 +44,7 @@ def skill_pushes(scene: Scene) -> Figure:
         _name(axes, panels_space.numbered(scene, skill))
     _equal_limits(grid[1])
     handles = skill_handles(((k, panels_space.numbered(scene, k)) for k in skills), marked=False)
-    legend(grid[0], [*handles, *_marks(), *([_thin("sampled latents")] if scene.kind == "pretrain" else [])])
+    legend(grid[0], [*handles, *_marks(), *([_thin("sampled latents")] if scene.runs is Runs.SAMPLED else [])])
     return grid[0]
 
 

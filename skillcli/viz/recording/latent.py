@@ -11,7 +11,7 @@ from skillcli.viz.recording.clock import Clock
 from skillcli.viz.recording.layout import called, episode_color, extent, in_space, key, latent_extent, skill_colors
 from skillcli.viz.recording.notes import title
 from skillcli.viz.recording.space import rest_after
-from skillcli.viz.scene import Scene
+from skillcli.viz.scene import Runs, Scene
 
 
 def log_means(stream: rr.RecordingStream, scene: Scene) -> None:
@@ -41,9 +41,9 @@ def log_moving(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
     """A named marker on the judged point and one on the latent that is fed."""
     data = scene.trajectories
     length = int(data.length[clock.episode])
-    transferred = scene.kind == "transfer-eval"  # the label of the marker has its colour
+    transferred = scene.runs is Runs.DOMAINS  # the label of the marker has its colour
     color = rgba(TARGET_IN_VIEWER if transferred else episode_color(scene, clock.episode))
-    # in the other kinds the goal's own label says it, and two on one place cannot be read
+    # elsewhere the goal's own label says it, and two on one place cannot be read
     said = [title(scene, clock.episode)] if transferred else None
     fed = in_space(data.latent[clock.episode, :length])
     for entity, rows, radius, where, labels in (

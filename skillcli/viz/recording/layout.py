@@ -9,7 +9,7 @@ import numpy as np
 from skillcli.trajectories import Array
 from skillcli.viz import kinematics, motion
 from skillcli.viz.palette import BETWEEN, look
-from skillcli.viz.scene import Scene
+from skillcli.viz.scene import Runs, Scene
 
 
 def key(scene: Scene, episode: int) -> str:
@@ -24,9 +24,9 @@ def slug(text: str) -> str:
 
 def group(scene: Scene, episode: int) -> str:
     """The folder of an episode's path: its domain in a transfer, its skill where one skill ran, else "composed"."""
-    if scene.kind == "transfer-eval":
+    if scene.runs is Runs.DOMAINS:
         return slug(motion.domain(scene.episode_labels[episode]))
-    if scene.kind == "compose":
+    if scene.runs is Runs.PLANNED:
         return "composed"
     skill = motion.episode_skill(scene, episode)
     return slug(scene.skills[skill]) if skill >= 0 else "no-skill"
@@ -44,7 +44,7 @@ def skill_colors(scene: Scene) -> list[str]:
 
 def episode_color(scene: Scene, episode: int) -> str:
     """Colour of an episode as a whole: its domain's in a transfer, else its skill's."""
-    if scene.kind == "transfer-eval":
+    if scene.runs is Runs.DOMAINS:
         return look(list(motion.domains(scene)).index(motion.domain(scene.episode_labels[episode]))).color
     first = motion.pieces(scene, episode)
     return look(first[0].skill).color if len(first) == 1 else BETWEEN

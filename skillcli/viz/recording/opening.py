@@ -7,15 +7,17 @@ from collections.abc import Callable
 import numpy as np
 import rerun.blueprint as rrb
 
+from skillcli.store import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, ByKind
 from skillcli.trajectories import Array
 from skillcli.viz import motion
 from skillcli.viz.recording.layout import curve_path, in_space, slug, spread
-from skillcli.viz.scene import Scene
+from skillcli.viz.scene import Runs, Scene
 
 SERIES = ("distance", "latent", "reward", "success", "action_norm", "joint_speed")
 FIRST_CURVES = ("success", "final_distance", "return", "kl")
 LATENT_BACK = 1.5  # the latent view is wide and low: from further back all of it is in sight
 MAX_LEGEND = 4  # a longer legend hides the plot; names are still shown under the mouse
+LAYOUTS: ByKind[Callable[[Scene], rrb.Container]] = ByKind("recording")
 _UNITS = {"distance": "m", "action_norm": "rad per step", "joint_speed": "rad/s"}
 
 
@@ -34,14 +36,8 @@ def _eye(points: Array, flat: bool, back: float = 1.0) -> rrb.EyeControls3D:
 
 def blueprint(scene: Scene) -> rrb.Blueprint:
     """What the kind of artifact is about stands large: skills, the latent space, the plan, or two robots side by side."""
-    layouts: dict[str, Callable[[Scene], rrb.Container]] = {
-        "pretrain": _trained,
-        "embed-means": _embedded,
-        "compose": _composed,
-        "transfer-eval": _transferred,
-    }
     return rrb.Blueprint(
-        layouts[scene.kind](scene),
+        LAYOUTS.of(scene.kind)(scene),
         rrb.TimePanel(state="collapsed", timeline="sim_time", play_state="playing", loop_mode="all"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
@@ -50,6 +46,7 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
     )
 
 
+@LAYOUTS.register(PRETRAIN)
 def _trained(scene: Scene) -> rrb.Container:
     """Skills in space beside their latents; how they were learned behind a tab, which has another timeline."""
     right = rrb.Vertical(_latent_view(scene), rrb.Tabs(*_series(scene)), _notes(scene), row_shares=[3, 3, 2])
@@ -59,6 +56,7 @@ def _trained(scene: Scene) -> rrb.Container:
     return rrb.Tabs(skills, rrb.Grid(*curves, name="learning (choose the timeline iteration below)"))
 
 
+@LAYOUTS.register(EMBED_MEANS)
 def _embedded(scene: Scene) -> rrb.Container:
     """The latent space large, what each latent does beside it."""
     left = rrb.Vertical(_latent_view(scene), rrb.Tabs(*_series(scene)), row_shares=[2, 1])
@@ -66,6 +64,7 @@ def _embedded(scene: Scene) -> rrb.Container:
     return rrb.Horizontal(left, right)
 
 
+@LAYOUTS.register(COMPOSE)
 def _composed(scene: Scene) -> rrb.Container:
     """The plan in space, in the latent space and over time."""
     first, *others = _series(scene)
@@ -73,6 +72,7 @@ def _composed(scene: Scene) -> rrb.Container:
     return rrb.Horizontal(_space_view(scene), right, column_shares=[3, 2])
 
 
+@LAYOUTS.register(TRANSFER_EVAL)
 def _transferred(scene: Scene) -> rrb.Container:
     """Source and target at the same time; below them how far they are, the latent that is fed, and the robot that was drawn."""
     paths = [_space_view(scene, "all paths"), *(_space_view(scene, name, slug(name)) for name in motion.domains(scene))]
@@ -140,7 +140,7 @@ def _notes(scene: Scene) -> rrb.Container:
     """Where it comes from, and what is known of the episode that plays; in a transfer the episode first."""
     provenance = rrb.TextDocumentView(origin="/provenance", name="provenance")
     episode = rrb.TextDocumentView(origin="/episode", name="episode")
-    return rrb.Tabs(*((episode, provenance) if scene.kind == "transfer-eval" else (provenance, episode)))
+    return rrb.Tabs(*((episode, provenance) if scene.runs is Runs.DOMAINS else (provenance, episode)))
 
 
 def _curve_views(scene: Scene) -> list[rrb.View]:

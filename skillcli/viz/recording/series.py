@@ -11,7 +11,7 @@ from skillcli.viz.palette import BETWEEN, look, rgba
 from skillcli.viz.recording.clock import Clock
 from skillcli.viz.recording.layout import curve_path, episode_color, key
 from skillcli.viz.recording.notes import label
-from skillcli.viz.scene import Scene
+from skillcli.viz.scene import Runs, Scene
 
 SYMBOLS = {"latent": "z", "joint_speed": "j"}
 
@@ -20,7 +20,7 @@ def log_series(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
     """What changes over the control steps of one played episode."""
     for name, (rows, values) in _single(scene, clock.episode).items():
         entity = f"series/{name}/{key(scene, clock.episode)}"
-        said = label(scene, clock.episode) if scene.kind == "transfer-eval" else scene.episode_labels[clock.episode]
+        said = label(scene, clock.episode) if scene.runs is Runs.DOMAINS else scene.episode_labels[clock.episode]
         names, colors = [said], [rgba(episode_color(scene, clock.episode))]
         stream.log(entity, rr.SeriesLines(colors=colors, names=names), static=True)
         stream.send_columns(entity, clock.columns(rows), rr.Scalars.columns(scalars=values))

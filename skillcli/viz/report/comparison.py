@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 
 from skillcli.metrics import angle_deg
+from skillcli.store import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL
+from skillcli.store.kinds.compose import ComposeResults
+from skillcli.store.kinds.transfer_eval import DomainResults
 from skillcli.viz.report import paper
 from skillcli.viz.report.content import Number, Row, Table
 from skillcli.viz.report.selection import Exhibit, Material
@@ -47,7 +50,7 @@ def tables(material: Material) -> list[Table]:
 
 
 def _point(material: Material) -> Iterator[Row]:
-    for one in material.find("pretrain", "point"):
+    for one in material.find(PRETRAIN, "point"):
         theirs = f"{paper.POINT_EFFICIENCY}"
         yield _lower(
             "ellipses over hull of the means", theirs, paper.POINT_EFFICIENCY, one, "{:.3f}", "embedding", "efficiency"
@@ -57,28 +60,29 @@ def _point(material: Material) -> Iterator[Row]:
 
 
 def _reach_skills(material: Material) -> Iterator[Row]:
-    for one in material.find("pretrain", "reach")[:1]:
-        skills = one.value("results", "skills") or []
-        for index, skill in enumerate(skills):
-            goal = _goal(one, skill.get("goal"))
+    for one in material.find(PRETRAIN, "reach")[:1]:
+        for index, skill in enumerate(PRETRAIN.results_of(one.artifact).skills):
+            goal = _goal(one, skill.goal)
             theirs = _match(paper.REACH_FINAL, goal)
             path = ("skills", index, "final_distance_m")
-            yield _distance(f"skill {skill.get('name')} to {_place(goal)}", theirs, one, path, real=True)
-    for one in material.find("transfer-eval", "reach", _bare):
-        yield from _domains(one, f"0 of {len(paper.REACH_FINAL)} within 5 cm (real)", "bare skills")
+            yield _distance(f"skill {skill.name} to {_place(goal)}", theirs, one, path, real=True)
+    for one in material.find(TRANSFER_EVAL, "reach", _bare):
+        yield from _domains(
+            one, f"0 of {len(paper.REACH_FINAL)} within {100 * paper.REACH_TOLERANCE:.0f} cm (real)", "bare skills"
+        )
 
 
 def _reach_composed(material: Material) -> Iterator[Row]:
-    composed = material.find("compose", "reach")
+    composed = material.find(COMPOSE, "reach")
     for goal, theirs in paper.REACH_UNSEEN.items():
         made = [one for one in composed if _targets(one) == [goal]]
         what, asked = f"unseen point {_place(goal)}", f"--method ddpg --goal={','.join(f'{x:g}' for x in goal)}"
         for one in made:
-            label = f"{what}, {one.value('results', 'method')}"
+            label = f"{what}, {_plan(one).method}"
             yield _distance(label, theirs, one, ("final_distance_m",), real=True)
         if not made:
             yield Row(what, f"{_cm(theirs)} (ddpg, real)", None, "", _compose(material, "reach", asked))
-    for one in [one for one in composed if one.value("results", "task") == "triangle"]:
+    for one in [one for one in composed if _plan(one).task == "triangle"]:
         yield _lower(
             "triangle: planning",
             "less than 1 min (sim)",
@@ -88,16 +92,15 @@ def _reach_composed(material: Material) -> Iterator[Row]:
             "planning_seconds",
             group="measured",
         )
-        closest = [way.get("closest_m") for way in one.value("results", "waypoints") or []]
-        if closest and all(isinstance(near, float) for near in closest):
+        if closest := [waypoint.closest_m for waypoint in _plan(one).waypoints]:
             worst = int(np.argmax(closest))
             yield _lower(
                 "triangle: the vertex passed at the largest distance", "within 5 cm (sim)", paper.TRIANGLE_TOLERANCE,
                 one, "{:.1f} cm", "waypoints", worst, "closest_m", scale=100,
             )  # fmt: skip
-    for one in material.find("embed-means", "reach"):
-        number = one.value("results", "latent_goal_correlation")
-        if isinstance(number, float):
+    for one in material.find(EMBED_MEANS, "reach"):
+        number = EMBED_MEANS.results_of(one.artifact).latent_goal_correlation
+        if number is not None:
             key = "results.latent_goal_correlation"
             verdict = "better" if number > paper.REACH_CORRELATION else SHORT
             what = "latent against goal distances, Pearson r"
@@ -105,24 +108,24 @@ def _reach_composed(material: Material) -> Iterator[Row]:
 
 
 def _push_skills(material: Material) -> Iterator[Row]:
-    for one in material.find("pretrain", "push"):
-        for index, skill in enumerate(one.value("results", "skills") or []):
-            wanted, moved = _goal(one, skill.get("goal")), paper.PUSH_MOVED.get(skill.get("name"))
+    for one in material.find(PRETRAIN, "push"):
+        for index, skill in enumerate(PRETRAIN.results_of(one.artifact).skills):
+            wanted, moved = _goal(one, skill.goal), paper.PUSH_MOVED.get(skill.name)
             theirs = math.dist(moved, wanted[:2]) if moved and len(wanted) >= 2 else None
             told = f"{_place(moved)}: {_cm(theirs)} off (real)" if moved and theirs is not None else ""
             path = ("skills", index, "final_distance_m")
-            yield _distance(f"{skill.get('name')}, {one.name}", theirs, one, path, real=True, told=told)
-    for one in material.find("transfer-eval", "push", _bare):
+            yield _distance(f"{skill.name}, {one.name}", theirs, one, path, real=True, told=told)
+    for one in material.find(TRANSFER_EVAL, "push", _bare):
         yield from _domains(one, "", "bare skills")
 
 
 def _push_means(material: Material) -> Iterator[Row]:
-    for one in material.find("embed-means", "push"):
+    for one in material.find(EMBED_MEANS, "push"):
         goals = {name: goal[:2] for name, goal in zip(one.scene.skills, one.scene.goals - _start(one), strict=True)}
-        for index, pair in enumerate(one.value("results", "halfway") or []):
-            a, b = pair.get("from"), pair.get("to")
-            moved, ours = paper.PUSH_MEANS.get(frozenset((a, b))), pair.get("direction_error_deg")
-            if not isinstance(ours, float):
+        for index, pair in enumerate(EMBED_MEANS.results_of(one.artifact).halfway):
+            a, b = pair.from_, pair.to
+            moved, ours = paper.PUSH_MEANS.get(frozenset((a, b))), pair.direction_error_deg
+            if ours is None:
                 continue
             theirs = angle_deg(np.array(moved), (goals[a] + goals[b]) / 2) if moved and a in goals and b in goals else None
             verdict = "" if theirs is None else "smaller, but in simulation" if ours < theirs else SHORT
@@ -132,22 +135,22 @@ def _push_means(material: Material) -> Iterator[Row]:
 
 
 def _push_searched(material: Material) -> Iterator[Row]:
-    composed = material.find("compose", "push")
+    composed = material.find(COMPOSE, "push")
     for goal, theirs in paper.PUSH_SEARCHED.items():
         made = [one for one in composed if _targets(one) == [goal]]
         for one in made:
-            label = f"{_place(goal)}, {one.value('results', 'method')}"
+            label = f"{_place(goal)}, {_plan(one).method}"
             yield _distance(label, theirs, one, ("final_distance_m",), real=False)
         if not made:
             command = _compose(material, "push", f"--goal={goal[0]:g},{goal[1]:g}")
             yield Row(_place(goal), f"{_cm(theirs)} (sim)", None, "", command)
     for one in composed:
-        ends, tolerance = one.value("results", "final_distances_m"), one.scene.tolerance
-        if isinstance(ends, list) and len(ends) > 1 and all(isinstance(end, float) for end in ends):
+        found, tolerance = _plan(one), one.scene.tolerance
+        ends = found.final_distances_m
+        if len(ends) > 1:
             text = f"{sum(end <= 0.02 for end in ends)} of {len(ends)} within 2 cm, worst {_cm(max(ends))}"
-            task = one.value("results", "task")
             yield Row(
-                f"{task}: {len(ends)} goals",
+                f"{found.task}: {len(ends)} goals",
                 "",
                 Number(text, one.id, "results.final_distances_m"),
                 _within(max(ends), tolerance),
@@ -155,13 +158,13 @@ def _push_searched(material: Material) -> Iterator[Row]:
 
 
 def _transfer(material: Material) -> Iterator[Row]:
-    for one in material.find("transfer-eval", where=lambda one: not _bare(one)):
+    for one in material.find(TRANSFER_EVAL, where=lambda one: not _bare(one)):
         parent = one.artifact.parents[0].id if one.artifact.parents else one.artifact.id
         yield from _domains(one, paper.TRANSFER.get(one.scene.task, ""), str(parent))
 
 
 def _interpolation(material: Material) -> Iterator[Row]:
-    for one in material.find("compose"):
+    for one in material.find(COMPOSE):
         for what, path in (
             ("error of held latents between skills, all pairs", ("calibration", "mean_error")),
             ("… half-way, all pairs", ("calibration", "mean_error_at_half")),
@@ -173,7 +176,7 @@ def _interpolation(material: Material) -> Iterator[Row]:
 
 
 def _training(material: Material) -> Iterator[Row]:
-    for one in material.find("pretrain"):
+    for one in material.find(PRETRAIN):
         for what, form, group, path in (
             ("sampled latents that succeed", "{:.1%}", "results", ("success_rate",)),
             ("control steps", "{:,.0f}", "results", ("env_steps",)),
@@ -191,17 +194,17 @@ def _training(material: Material) -> Iterator[Row]:
 
 def _domains(one: Exhibit, theirs: str, what: str) -> Iterator[Row]:
     """One line per domain: how many of how many, with the interval, the median distance and what is kept."""
-    for index, domain in enumerate(one.value("results", "domains") or []):
-        kept, median = domain.get("retention"), domain["final_distance_m"]["median"]
+    for index, domain in enumerate(TRANSFER_EVAL.results_of(one.artifact).domains):
+        kept, median = domain.retention, domain.final_distance_m.median
         ended = "all unstable" if median is None else f"median {_cm(median)}"
-        text = f"{domain['successes']} of {domain['episodes']} ({_interval(domain)}), {ended}"
-        verdict = "" if not _is_number(kept) else "holds" if kept >= HOLDS else f"{SHORT}: {kept:.2f} of the source"
-        yield Row(f"{what} on {domain['name']}", theirs, Number(text, one.id, f"results.domains[{index}]"), verdict)
+        text = f"{domain.successes} of {domain.episodes} ({_interval(domain)}), {ended}"
+        verdict = "" if kept is None else "holds" if kept >= HOLDS else f"{SHORT}: {kept:.2f} of the source"
+        yield Row(f"{what} on {domain.name}", theirs, Number(text, one.id, f"results.domains[{index}]"), verdict)
 
 
-def _interval(domain: Mapping[str, Any]) -> str:
-    low, high = domain["ci95"]
-    return "exact" if domain.get("deterministic") else f"{100 * low:.0f}–{100 * high:.0f} %"
+def _interval(domain: DomainResults) -> str:
+    low, high = domain.ci95
+    return "exact" if domain.deterministic else f"{100 * low:.0f}–{100 * high:.0f} %"
 
 
 def _distance(what: str, theirs: float | None, one: Exhibit, path: Sequence[str | int], real: bool, told: str = "") -> Row:
@@ -235,8 +238,12 @@ def _within(distance: float, tolerance: float) -> str:
 
 def _compose(material: Material, task: str, asked: str) -> str:
     """The command that composes with the first library of a task: without its id the newest of any task would be taken."""
-    libraries = material.find("embed-means", task) or material.find("pretrain", task)
+    libraries = material.find(EMBED_MEANS, task) or material.find(PRETRAIN, task)
     return f"skill compose {libraries[0].artifact.id.series if libraries else 'ID'} {asked}"
+
+
+def _plan(one: Exhibit) -> ComposeResults:
+    return COMPOSE.results_of(one.artifact)
 
 
 def _bare(one: Exhibit) -> bool:

@@ -18,6 +18,7 @@ REACH_FINAL = {  # real: final distance by goal
     (0.7, 0.3, 0.3): 0.215,
     (0.7, -0.3, 0.3): 0.128,
 }
+REACH_TOLERANCE = 0.05  # real: none of them within
 REACH_UNSEEN = {  # real: a DDPG composer, final distance by goal
     (0.5, 0.0, 0.15): 0.0504,
     (0.5, 0.0, 0.3): 0.137,
@@ -25,6 +26,7 @@ REACH_UNSEEN = {  # real: a DDPG composer, final distance by goal
 }
 TRIANGLE_SECONDS = 60.0  # sim: a plan in less than
 TRIANGLE_TOLERANCE = 0.05  # sim: every vertex within
+PUSH_GOALS = {"up": (0.15, 0.0), "down": (-0.15, 0.0), "left": (0.0, 0.15), "right": (0.0, -0.15)}  # displacements
 PUSH_MOVED = {  # real: displacement of the box by skill
     "up": (0.166, 0.002),
     "down": (-0.082, 0.001),

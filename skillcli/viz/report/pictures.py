@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from skillcli.store import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL
+from skillcli.store.kinds.compose import GOALS, ComposeResults
 from skillcli.trajectories import Array
 from skillcli.viz import motion
 from skillcli.viz.canvas import encoded, styled
@@ -17,7 +20,7 @@ from skillcli.viz.plots import composers, interpolation, learning, point, push, 
 from skillcli.viz.report import paper
 from skillcli.viz.report.content import Drawing, Missing
 from skillcli.viz.report.selection import Exhibit, Material
-from skillcli.viz.scene import label
+from skillcli.viz.scene import Runs, label
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -62,7 +65,7 @@ def drawings(material: Material) -> tuple[list[Drawing], list[Missing]]:
 
 def _remedy(subject: Subject, material: Material) -> str:
     """The commands that give figure 10, which no chain makes by itself."""
-    libraries = material.find("embed-means", "reach")
+    libraries = material.find(EMBED_MEANS, "reach")
     if subject.plan is not _arm_returns or not libraries:
         return ""
     goal = ",".join(f"{x:g}" for x in next(iter(paper.REACH_UNSEEN)))
@@ -74,14 +77,14 @@ def _remedy(subject: Subject, material: Material) -> str:
 
 
 def _latents_and_paths(material: Material) -> Plan | None:
-    for one in material.find("pretrain", "point"):
+    for one in material.find(PRETRAIN, "point"):
         sampled = one.scene.trajectories.episodes - len(motion.mean_episodes(one.scene))
         caption = (
             f"Left: the mean latents. Middle: each skill's Gaussian close up, one and two standard deviations, with the "
             f"latents that were drawn (n = {sampled}). Right: the paths that they give from the origin, the mean latents bold; "
             f"circles: goals with the tolerance of {100 * one.scene.tolerance:.0f} cm. In the paper the "
             "embedding separates the skills "
-            f"after 15,000 steps, with ellipses of {paper.POINT_EFFICIENCY} of the hull of the means; here "
+            f"after {paper.POINT_STEPS:,} steps, with ellipses of {paper.POINT_EFFICIENCY} of the hull of the means; here "
             f"{_said(one, 'embedding', 'efficiency', form='.3f')}. Dashes and markers tell apart what colours do."
         )
         return Plan(caption, [one], partial(point.latents_and_paths, one.scene))
@@ -89,11 +92,11 @@ def _latents_and_paths(material: Material) -> Plan | None:
 
 
 def _skill_paths(material: Material) -> Plan | None:
-    sources = material.find("pretrain", "reach") or material.find("embed-means", "reach")
+    sources = material.find(PRETRAIN, "reach") or material.find(EMBED_MEANS, "reach")
     if not sources:
         return None
     one = sources[0]
-    targets = material.find("transfer-eval", "reach", lambda other: other.name == one.name and not len(other.scene.waypoints))
+    targets = material.find(TRANSFER_EVAL, "reach", lambda other: other.name == one.name and not len(other.scene.waypoints))
     target = targets[0] if targets else None
     others = one.scene.trajectories.episodes - len(motion.mean_episodes(one.scene))
     below = (
@@ -105,17 +108,18 @@ def _skill_paths(material: Material) -> Plan | None:
         f"Gripper paths of {len(one.scene.skills)} skills at their mean latents (bold) and of {others} sampled "
         "latents (thin) in the "
         f"source; circles: goals with the tolerance of {100 * one.scene.tolerance:.0f} cm. {below} "
-        "In the paper the real robot ended 7 to 22 cm from these goals, none within 5 cm."
+        f"In the paper the real robot ended {_range_cm(paper.REACH_FINAL.values())} cm from these goals, none within "
+        f"{100 * paper.REACH_TOLERANCE:.0f} cm."
     )
     return Plan(caption, [one, *targets[:1]], lambda: reach.skill_paths(one.scene, target.scene if target else None))
 
 
 def _reach_compositions(material: Material) -> Plan | None:
-    composed = _of_one_library(material.find("compose", "reach"))
-    chain = [one for one in composed if one.value("results", "task") == "u-shape"][:1]
+    composed = _of_one_library(material.find(COMPOSE, "reach"))
+    chain = [one for one in composed if _plan_of(one).task == "u-shape"][:1]
     points = [one for one in composed if len(one.scene.waypoints) == 1]
-    learned = [one for one in points if one.value("results", "method") == "ddpg"]
-    triangle = [one for one in composed if one.value("results", "task") == "triangle"][:1]
+    learned = [one for one in points if _plan_of(one).method == "ddpg"]
+    triangle = [one for one in composed if _plan_of(one).task == "triangle"][:1]
     used = [*chain, *(learned or points)[:1], *triangle]
     if not used:
         return None
@@ -126,9 +130,10 @@ def _reach_compositions(material: Material) -> Plan | None:
     caption = (
         "Executed in the source, one episode each; the look of a line is the skill that is fed. Largest distance "
         "at which a waypoint "
-        f"was passed: {ends}. The paper drew the U on the robot, ended 5 to 14 cm from unseen points (DDPG, real "
-        "robot), and searched "
-        f"the triangle within 5 cm in simulation." + (f" Not in the store: {' and '.join(lacking)}." if lacking else "")
+        f"was passed: {ends}. The paper drew the U on the robot, ended {_range_cm(paper.REACH_UNSEEN.values())} cm from "
+        "unseen points (DDPG, real robot), and searched "
+        f"the triangle within {100 * paper.TRIANGLE_TOLERANCE:.0f} cm in simulation."
+        + (f" Not in the store: {' and '.join(lacking)}." if lacking else "")
     )
     return Plan(caption, used, lambda: reach.compositions([one.scene for one in used], titles))
 
@@ -139,27 +144,28 @@ def _of_one_library(exhibits: list[Exhibit]) -> list[Exhibit]:
 
 
 def _skill_pushes(material: Material) -> Plan | None:
-    for one in material.find("pretrain", "push") or material.find("embed-means", "push"):
-        ends = [one.value("results", "skills", k, "final_distance_m") for k in range(len(one.scene.skills))]
+    for one in material.find(PRETRAIN, "push") or material.find(EMBED_MEANS, "push"):
+        skills = one.value("results", "skills")
         told = ", ".join(
-            f"{name} {100 * end:.1f}" for name, end in zip(one.scene.skills, ends, strict=True) if isinstance(end, float)
+            f"{name} {100 * skill.final_distance_m:.1f}" for name, skill in zip(one.scene.skills, skills, strict=True)
         )
         sampled = (
-            (one.scene.trajectories.episodes - len(motion.mean_episodes(one.scene))) if one.artifact.kind == "pretrain" else 0
+            (one.scene.trajectories.episodes - len(motion.mean_episodes(one.scene))) if one.scene.runs is Runs.SAMPLED else 0
         )
         caption = (
             f"Box (bold: mean latent, thin: {sampled} sampled latents) and gripper from above; cross: goal, "
             "dotted circle: tolerance of "
             f"{100 * one.scene.tolerance:.0f} cm. Final distance at the mean latent, cm: {told}. In the paper the "
             "real robot's box ended "
-            "1.6, 6.8, 5.1 and 4.4 cm from the goals of up, down, left and right."
+            f"{_and(_cm(math.dist(moved, paper.PUSH_GOALS[name])) for name, moved in paper.PUSH_MOVED.items())} cm from the "
+            f"goals of {_and(paper.PUSH_MOVED)}."
         )
         return Plan(caption, [one], partial(push.skill_pushes, one.scene))
     return None
 
 
 def _mean_pushes(material: Material) -> Plan | None:
-    for one in material.find("embed-means", "push", lambda one: one.scene.trajectories.episodes > len(one.scene.skills)):
+    for one in material.find(EMBED_MEANS, "push", lambda one: one.scene.trajectories.episodes > len(one.scene.skills)):
         pairs = one.scene.trajectories.episodes - len(one.scene.skills)
         caption = (
             f"n = {pairs} pairs, one episode each. Left: path of the box while the mean of two neighbouring latents is held; "
@@ -172,7 +178,7 @@ def _mean_pushes(material: Material) -> Plan | None:
 
 
 def _searched_pushes(material: Material) -> Plan | None:
-    searched = _of_one_library(material.find("compose", "push", lambda one: one.value("results", "method") == "search"))
+    searched = _of_one_library(material.find(COMPOSE, "push", lambda one: _plan_of(one).method == "search"))
     if not searched:
         return None
     searched = sorted(searched, key=lambda one: one.scene.trajectories.episodes)
@@ -184,14 +190,15 @@ def _searched_pushes(material: Material) -> Plan | None:
         f"ends; {success} of "
         f"{len(routes)} within the tolerance of {100 * used[0].scene.tolerance:.0f} cm. The look of a line is the "
         "skill that is held. "
-        "The paper searched (±0.2, ±0.1) in simulation and ended 0.4, 6.4, 4.2 and 2.6 cm off."
+        f"The paper searched ({', '.join(f'±{abs(x):g}' for x in next(iter(paper.PUSH_SEARCHED)))}) in simulation and ended "
+        f"{_and(map(_cm, paper.PUSH_SEARCHED.values()))} cm off."
     )
     return Plan(caption, used, lambda: push.searched_pushes([(one.scene, episode) for one, episode in routes]))
 
 
 def _arm_returns(material: Material) -> Plan | None:
     groups: dict[str, list[Exhibit]] = {}
-    for one in material.find("compose", where=_with_arm):
+    for one in material.find(COMPOSE, where=_with_arm):
         goals = str(np.round(one.scene.waypoints, 4).tolist())
         groups.setdefault(f"{one.artifact.parents[0].content_sha256} {goals}", []).append(one)  # of the same skills
     compared = [runs for runs in groups.values() if len({_arm(one) for one in runs}) > 1]
@@ -217,7 +224,7 @@ def _arm_returns(material: Material) -> Plan | None:
 
 
 def _curves(material: Material) -> Plan | None:
-    used = material.find("pretrain", where=lambda one: "final_distance" in one.scene.curves)
+    used = material.find(PRETRAIN, where=lambda one: "final_distance" in one.scene.curves)
     used = sorted(used[: learning.MAX_LIBRARIES], key=lambda one: one.name)
     if not used:
         return None
@@ -231,12 +238,11 @@ def _curves(material: Material) -> Plan | None:
 
 
 def _distances(material: Material) -> Plan | None:
-    several = material.find("embed-means", where=lambda one: len(one.scene.skills) > 1)
+    several = material.find(EMBED_MEANS, where=lambda one: len(one.scene.skills) > 1)
     used = sorted(several[: learning.MAX_LIBRARIES], key=lambda one: one.name)
     if not used:
         return None
-    found = [one.value("results", "latent_goal_correlation") for one in used]
-    r = [number if isinstance(number, float) else None for number in found]
+    r = [EMBED_MEANS.results_of(one.artifact).latent_goal_correlation for one in used]
     caption = (
         "One mark per pair of skills: distance of the mean latents against distance of the goals, with Pearson's "
         "r. On a straight line "
@@ -250,7 +256,11 @@ def _success(material: Material) -> Plan | None:
     used, titles = _transfers(material)
     if not used:
         return None
-    replanned = [title.split("\n")[0] for one, title in zip(used, titles, strict=True) if one.value("results", "replanned")]
+    replanned = [
+        title.split("\n")[0]
+        for one, title in zip(used, titles, strict=True)
+        if TRANSFER_EVAL.results_of(one.artifact).replanned
+    ]
     how = "sent as they were made"
     if replanned:
         how = f"made again on the way ({', '.join(dict.fromkeys(replanned))}) or {how}"
@@ -275,7 +285,7 @@ def _final_distances(material: Material) -> Plan | None:
 
 
 def _calibration(material: Material) -> Plan | None:
-    for one in material.find("compose", where=lambda one: "calibration/end" in one.artifact.arrays):
+    for one in material.find(COMPOSE, where=lambda one: "calibration/end" in one.artifact.arrays):
         arrays = one.artifact.arrays
         pair, share, end = (arrays[f"calibration/{name}"] for name in ("pair", "share", "end"))
         half = _said(one, "calibration", "neighbours", "mean_error_at_half", form=".2f")
@@ -313,6 +323,25 @@ SLUGS = frozenset(subject.slug for subject in SUBJECTS)
 # --- reading ----------------------------------------------------------------------------------------------------------
 
 
+def _plan_of(one: Exhibit) -> ComposeResults:
+    return COMPOSE.results_of(one.artifact)
+
+
+def _cm(distance: float) -> str:
+    return f"{100 * distance:.1f}"
+
+
+def _range_cm(distances: Iterable[float]) -> str:
+    """From the smallest to the largest distance, in whole cm."""
+    known = list(distances)
+    return f"{100 * min(known):.0f} to {100 * max(known):.0f}"
+
+
+def _and(words: Iterable[str]) -> str:
+    *first, last = words
+    return f"{', '.join(first)} and {last}"
+
+
 def _said(one: Exhibit, *path: str, form: str) -> str:
     """A number of the results as text."""
     number = one.value("results", *path)
@@ -321,9 +350,9 @@ def _said(one: Exhibit, *path: str, form: str) -> str:
 
 def _composed(one: Exhibit) -> str:
     """What a composition is, short."""
-    method, task = one.value("results", "method"), one.value("results", "task")
+    found = _plan_of(one)
     goal = ", ".join(f"{x:g}" for x in one.scene.waypoints[-1])
-    return label(f"{method}: ({goal})" if task == "goals" else f"{method}: {task}")
+    return label(f"{found.method}: ({goal})" if found.task == GOALS else f"{found.method}: {found.task}")
 
 
 def _closest(one: Exhibit) -> str:
@@ -332,7 +361,7 @@ def _closest(one: Exhibit) -> str:
 
 def _transfers(material: Material) -> tuple[list[Exhibit], list[str]]:
     """Transfers of compositions and then of bare skills, with what they are."""
-    found = sorted(material.find("transfer-eval"), key=lambda one: (not len(one.scene.waypoints), one.name))[
+    found = sorted(material.find(TRANSFER_EVAL), key=lambda one: (not len(one.scene.waypoints), one.name))[
         : transfer.MAX_TRANSFERS
     ]
     return found, [f"{one.name}\n{'composed' if len(one.scene.waypoints) else 'bare skills'}" for one in found]
@@ -346,7 +375,7 @@ def _arm(one: Exhibit) -> str:
 
 def _with_arm(one: Exhibit) -> bool:
     curves = one.scene.curves
-    return one.value("results", "method") == "ddpg" and bool(_arm(one)) and {"greedy_return", "env_steps"} <= curves.keys()
+    return _plan_of(one).method == "ddpg" and bool(_arm(one)) and {"greedy_return", "env_steps"} <= curves.keys()
 
 
 def _padded(runs: Sequence[Exhibit]) -> tuple[Array, Array]:

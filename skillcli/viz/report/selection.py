@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from skillcli.errors import SkillError, StoreError
-from skillcli.store import Artifact, ArtifactId, Header, Store
+from skillcli.store import Artifact, ArtifactId, Header, Store, kind_spec
+from skillcli.store.kinds import AnyKind
 from skillcli.viz.loading import scene_of
 from skillcli.viz.scene import Scene, drawable
 
@@ -33,13 +34,17 @@ class Exhibit:
         return self.artifact.id.name
 
     def value(self, *path: str | int) -> Any:
-        """What stands at a path of results or measured, such as ("results", "skills", 0, "success_rate"); None for nothing."""
-        found: Any = {"results": self.artifact.results, "measured": self.artifact.measured}
-        for step in path:
-            try:
-                found = found[step]
-            except (KeyError, IndexError, TypeError):
-                return None
+        """What stands at a path of results or measured, such as ("results", "skills", 0, "success_rate"); None for nothing.
+
+        Raises:
+            AttributeError: no artifact of this kind has such a thing.
+        """
+        spec = kind_spec(self.artifact.kind)
+        group, *steps = path
+        found: Any = spec.results_of(self.artifact) if group == "results" else spec.measured_of(self.artifact)
+        for step in steps:
+            if found is not None:
+                found = found[step] if isinstance(step, int) else getattr(found, step)
         return found
 
 
@@ -51,9 +56,9 @@ class Material:
     skipped: tuple[tuple[ArtifactId | str, str], ...]
     left_out: int
 
-    def find(self, kind: str, task: str = "", where: Callable[[Exhibit], bool] = lambda _: True) -> list[Exhibit]:
+    def find(self, kind: AnyKind, task: str = "", where: Callable[[Exhibit], bool] = lambda _: True) -> list[Exhibit]:
         """The exhibits of a kind, a task (any by default) and a condition."""
-        of_kind = [one for one in self.exhibits if one.artifact.kind == kind and task in ("", one.scene.task)]
+        of_kind = [one for one in self.exhibits if kind.is_kind_of(one.artifact) and task in ("", one.scene.task)]
         return [one for one in of_kind if where(one)]
 
 
@@ -108,7 +113,7 @@ def _asked(store: Store, ids: Sequence[ArtifactId]) -> list[ArtifactId]:
 
 
 def _newest(headers: Sequence[Header]) -> Iterator[ArtifactId]:
-    """The newest of every library and kind, for compositions and transfers of everything they were made from.
+    """The newest of every library and kind; of kinds that hold no skills, the newest of everything they were made from.
 
     References come first, then libraries with which more was done.
     """
@@ -122,7 +127,7 @@ def _newest(headers: Sequence[Header]) -> Iterator[ArtifactId]:
     seen = set()
     newest_first = headers[::-1]
     for header in sorted(newest_first, key=rank):
-        several = header.kind in ("compose", "transfer-eval") and header.inputs_sha256
+        several = not kind_spec(header.kind).holds("skills") and header.inputs_sha256
         key = (header.id.name, header.kind, header.inputs_sha256 if several else "")
         if key not in seen:
             seen.add(key)
