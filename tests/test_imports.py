@@ -73,6 +73,17 @@ def test_no_import_points_up_or_sideways() -> None:
     assert not wrong, "\n".join(wrong)
 
 
+def test_no_stage_imports_another_except_in_the_chain() -> None:
+    modules = [path.stem for path in (ROOT / "stages").glob("*.py") if path.stem != "chain"]
+    wrong = [
+        f"{name} imports {imported}"
+        for name in modules
+        for imported in imports(ROOT / "stages" / f"{name}.py")
+        if imported.startswith("skillcli.stages")
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
 def test_help_loads_nothing_heavy() -> None:
     code = (
         "import sys; sys.argv = ['skill', '--help']\n"

@@ -65,15 +65,15 @@ def pretrain(
     ] = None,
 ) -> None:
     """Train policy and skill embedding together in simulation (stage 1)."""
+    from skillcli.evaluation.inputs import pretrain_inputs
     from skillcli.recipe import load_recipe
-    from skillcli.stages.pretrain import inputs_of
     from skillcli.stages.pretrain import pretrain as stage
     from skillcli.store import PRETRAIN
 
     session: Session = context.obj
     resolved = load_recipe(recipe, overrides or ())
     folder = checked(name) or resolved.name
-    if resume and not session.store.checkpoint_path(folder, PRETRAIN.name, inputs_of(resolved, seed)).exists():
+    if resume and not session.store.checkpoint_path(folder, PRETRAIN.name, pretrain_inputs(resolved, seed)).exists():
         session.say("nothing was interrupted with this recipe, seed and name: starting anew")
     with ExitStack() as opened:
         report = opened.enter_context(session.progress())

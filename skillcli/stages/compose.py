@@ -12,7 +12,9 @@ from skillcli import metrics
 from skillcli.composition.interpolation import Calibration, all_pairs
 from skillcli.composition.plan import Segment, schedule
 from skillcli.errors import UsageError
-from skillcli.evaluation.library import Library, check_untouched, fingerprint, open_library
+from skillcli.evaluation.held import play_held
+from skillcli.evaluation.inputs import RANDOM, compose_inputs, robots_for
+from skillcli.evaluation.library import Library, check_untouched, open_library
 from skillcli.evaluation.limits import breaks
 from skillcli.evaluation.planning import METHODS, Leg, Planned
 from skillcli.evaluation.request import Request
@@ -20,8 +22,7 @@ from skillcli.evaluation.rollouts import play_waypoints
 from skillcli.evaluation.sampled_robots import Robots
 from skillcli.progress import Progress, Report, silent
 from skillcli.recipe import Recipe
-from skillcli.stages.pretrain import play_held
-from skillcli.store import COMPOSE, Artifact, ArtifactId, Draft, Parent, Store
+from skillcli.store import COMPOSE, Artifact, ArtifactId, Draft, Store
 from skillcli.store.kinds.compose import (
     GOALS,
     CalibrationResults,
@@ -31,42 +32,9 @@ from skillcli.store.kinds.compose import (
     Waypoint,
 )
 from skillcli.store.kinds.record import point
-from skillcli.tasks.world import World
 from skillcli.trajectories import Array, Trajectories
 
-__all__ = ["METHODS", "Request", "compose", "execute", "inputs_of"]
-
-RANDOM = ("ddpg", "ppo", "mpc")  # methods whose plan depends on a seed
-ON_SEVERAL = ("search", "mpc")  # methods that can score a latent on several robots at once
-ON_TARGET = ("search", "mpc", "ddpg", "ppo")  # methods that can plan on the target itself
-
-
-def robots_for(recipe: Recipe, method: str, on: str, seed: int) -> Robots:
-    """The robots that a method tries latents on.
-
-    Raises:
-        UsageError: the domain is unknown, or the method does not try anything.
-    """
-    if on and method not in ON_TARGET:
-        raise UsageError(f"--method {method} tries nothing, on no domain", f"--on goes with {', '.join(ON_TARGET)}")
-    settings = recipe.compose if method in ON_SEVERAL else recipe.compose.model_copy(update={"ensemble": 0})
-    return Robots.of(settings, on, seed, World.of(recipe).joints)
-
-
-def inputs_of(source: Artifact | Parent, recipe: Recipe, request: Request, method: str, seed: int = 0, on: str = "") -> str:
-    """Fingerprint of everything that the result depends on."""
-    parts: list[Any] = [
-        source.content_sha256,
-        method,
-        recipe.fingerprint([method]),
-        request.task,
-        request.waypoints,
-        request.route,
-    ]
-    robots = robots_for(recipe, method, on, seed)
-    if robots.parameters or on:
-        parts += [seed, on, {name: values.tolist() for name, values in robots.parameters.items()}]
-    return fingerprint(COMPOSE.name, [*parts, seed] if method in RANDOM else parts)
+__all__ = ["METHODS", "Request", "compose", "execute"]
 
 
 def check_method(method: str) -> None:
@@ -167,7 +135,7 @@ def compose(
             measured=ComposeMeasured(planning_seconds=planning_seconds).json(),
             parents=[source_id],
             model_sha256=library.world.fingerprint,
-            inputs_sha256=inputs_of(source, recipe, request, method, seed, on),
+            inputs_sha256=compose_inputs(source, recipe, request, method, seed, on),
         )
     )
 

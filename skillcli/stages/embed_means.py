@@ -5,17 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from skillcli import metrics
-from skillcli.evaluation.library import fingerprint, open_library
-from skillcli.stages.pretrain import play_held
-from skillcli.store import EMBED_MEANS, PRETRAIN, Artifact, ArtifactId, Draft, Parent, Store
+from skillcli.evaluation.held import play_held
+from skillcli.evaluation.inputs import embed_means_inputs
+from skillcli.evaluation.library import open_library
+from skillcli.store import EMBED_MEANS, PRETRAIN, Artifact, ArtifactId, Draft, Store
 from skillcli.store.kinds.embed_means import EmbedMeansResults, Halfway, MeanSkill
 from skillcli.store.kinds.record import point
 from skillcli.trajectories import Array, Trajectories
-
-
-def inputs_of(source: Artifact | Parent) -> str:
-    """Fingerprint of everything that the result depends on."""
-    return fingerprint(EMBED_MEANS.name, [source.content_sha256])
 
 
 def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | None = None) -> Artifact:
@@ -71,7 +67,7 @@ def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | N
             measured={},
             parents=[source_id],
             model_sha256=library.world.fingerprint,
-            inputs_sha256=inputs_of(source),
+            inputs_sha256=embed_means_inputs(source),
         )
     )
 

@@ -14,7 +14,9 @@ import numpy as np
 from skillcli import metrics
 from skillcli.config.randomization import sample
 from skillcli.errors import Interrupted, StoreError
-from skillcli.evaluation.library import TRAINED, fingerprint, skill_names
+from skillcli.evaluation.held import play_held
+from skillcli.evaluation.inputs import pretrain_inputs
+from skillcli.evaluation.library import skill_names
 from skillcli.evaluation.rollouts import play
 from skillcli.learning.agent import Agent
 from skillcli.learning.learner import Learner
@@ -53,11 +55,6 @@ class Evaluation:
     trajectories: Trajectories  # the first 1 + `stored` episodes of each skill
 
 
-def inputs_of(recipe: Recipe, seed: int) -> str:
-    """Fingerprint of everything that a training depends on."""
-    return fingerprint(PRETRAIN.name, [recipe.fingerprint(TRAINED), seed, World.of(recipe).fingerprint])
-
-
 def pretrain(
     store: Store,
     recipe: Recipe,
@@ -92,7 +89,7 @@ def pretrain(
     for goal in world.goals:
         world.check_goal(goal)
     store.check_writable(name)
-    inputs = inputs_of(recipe, seed)
+    inputs = pretrain_inputs(recipe, seed)
     checkpoint = store.checkpoint_path(name, PRETRAIN.name, inputs)
     with stoppable() as stop:
         delay = "latency" in recipe.randomisation.ranges
@@ -229,28 +226,6 @@ def evaluate_randomised(recipe: Recipe, agent: Agent, seed: int, threads: int = 
     )
 
 
-def play_held(
-    recipe: Recipe, agent: Agent, latent: Array, target: Array, fed: Array, threads: int = 0
-) -> tuple[Trajectories, Array]:
-    """From the start, hold one latent (E, d) per episode to the end, judged by its target (E, 3) m.
-
-    Returns:
-        The recording, with `fed` (E,) as its skills, and the observations (E, T+1, o).
-    """
-    world = World.of(recipe)
-    recordings, observations = [], []
-    for first in range(0, len(fed), MAX_SIMULATIONS):
-        part = slice(first, first + MAX_SIMULATIONS)
-        env = world.make(len(fed[part]), threads)
-        env.reset(np.arange(env.num), np.zeros(env.num, dtype=np.int64))
-        env.target[:] = target[part]
-        held = np.repeat(latent[part][:, None], env.horizon, axis=1)
-        recording, observation = play(env, agent.act, held, np.repeat(fed[part][:, None], env.horizon, axis=1))
-        recordings.append(recording)
-        observations.append(observation)
-    return Trajectories.join(recordings), np.concatenate(observations)
-
-
 def _draft(
     recipe: Recipe,
     seed: int,
@@ -289,7 +264,7 @@ def _draft(
             wall_seconds=wall, peak_memory_mb=peak_memory_mb(), throughput=_throughput(learner, bare_rate, wall)
         ).json(),
         model_sha256=World.of(recipe).fingerprint,
-        inputs_sha256=inputs_of(recipe, seed),
+        inputs_sha256=pretrain_inputs(recipe, seed),
     )
 
 

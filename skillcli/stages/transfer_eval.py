@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from skillcli import metrics
 from skillcli.errors import UsageError
-from skillcli.evaluation.library import Library, check_untouched, fingerprint, open_library
+from skillcli.evaluation.inputs import transfer_eval_inputs
+from skillcli.evaluation.library import Library, check_untouched, open_library
 from skillcli.evaluation.planning import Leg
 from skillcli.evaluation.replanning import REPLANS, Replanner
 from skillcli.evaluation.sampled_robots import Robots
@@ -21,31 +21,9 @@ from skillcli.progress import Progress, Report, silent
 from skillcli.recipe import Recipe
 from skillcli.robots.robot import Robot
 from skillcli.simulation.domains import find_domains
-from skillcli.store import COMPOSE, TRANSFER_EVAL, Artifact, ArtifactId, Draft, Parent, Store
+from skillcli.store import COMPOSE, TRANSFER_EVAL, Artifact, ArtifactId, Draft, Store
 from skillcli.store.kinds.transfer_eval import TargetRobot, TransferEvalMeasured, TransferEvalResults
 from skillcli.trajectories import Trajectories
-
-DRAWN = "each episode by itself, what repeats once"  # how robots are drawn: what was drawn otherwise is not used again
-
-
-def inputs_of(
-    source: Artifact | Parent,
-    recipe: Recipe,
-    domains: Sequence[str],
-    episodes: int,
-    seed: int,
-    robot: Robot | None = None,
-    sensitivity: bool = False,
-) -> str:
-    """Fingerprint of everything that the result depends on."""
-    tables = [[domain.name, str(sorted(domain.parameters.items()))] for domain in find_domains(domains)]
-    replanned = recipe.fingerprint(["transfer", "compose", *REPLANS]) if recipe.transfer.replan else ""
-    parts: list[Any] = [source.content_sha256, tables, episodes, seed, replanned, DRAWN]
-    if robot is not None:
-        parts.append({"robot": robot.fingerprint})
-    if sensitivity:
-        parts.append("sensitivity")
-    return fingerprint(TRANSFER_EVAL.name, parts)
 
 
 def transfer_eval(
@@ -135,7 +113,7 @@ def transfer_eval(
             measured=TransferEvalMeasured(seconds_per_plan=None if replanner is None else replanner.effort.mean).json(),
             parents=[source_id],
             model_sha256=library.world.fingerprint,
-            inputs_sha256=inputs_of(source, recipe, domains, episodes, seed, robot, sensitivity),
+            inputs_sha256=transfer_eval_inputs(source, recipe, domains, episodes, seed, robot, sensitivity),
         )
     )
 

@@ -207,7 +207,7 @@ class Store:
     def find(self, kind: str, inputs_sha256: str, name: str | None = None) -> list[ArtifactId]:
         """The artifacts of this kind and the present schema that say they were made from exactly these inputs, newest first.
 
-        Anybody can write a header: who uses one in place of work compares it with its content, see `skillcli.stages.reuse`.
+        Anybody can write a header: who uses one in place of work compares it with its content, see `skillcli.evaluation.reuse`.
         """
         if not inputs_sha256:
             return []

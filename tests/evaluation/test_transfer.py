@@ -19,6 +19,7 @@ from skillcli import metrics
 from skillcli.cli import tables
 from skillcli.config.randomization import MANNERS
 from skillcli.errors import UsageError
+from skillcli.evaluation.inputs import transfer_eval_inputs
 from skillcli.evaluation.library import Library, open_library
 from skillcli.evaluation.script import Script
 from skillcli.evaluation.transfer_report import broken, most_harmful_first, one_at_a_time, outcome, worst
@@ -26,7 +27,7 @@ from skillcli.evaluation.trial import NOMINAL, Target, Trial
 from skillcli.progress import Progress
 from skillcli.recipe import resolve
 from skillcli.simulation.domains import find_domain, find_domains
-from skillcli.stages.transfer_eval import inputs_of, transfer_eval
+from skillcli.stages.transfer_eval import transfer_eval
 from skillcli.stages.visualise import draw
 from skillcli.store import Artifact, ArtifactId, Store
 from skillcli.trajectories import SAFETY_LIMITS, Array, Trajectories
@@ -221,10 +222,11 @@ def test_notes_about_a_robot_are_told_and_kept(copy: Store) -> None:
 def test_robot_and_sensitivity_are_inputs_and_without_them_nothing_changes(chain: Path) -> None:
     source = Store(chain).read(SOURCE)
     recipe, robot = resolve(source.recipe), target_robot(ROBOT)
-    usual = inputs_of(source, recipe, ["mild"], 3, 0)
-    assert usual == inputs_of(source, recipe, ["mild"], 3, 0, None, False)
-    other, much = inputs_of(source, recipe, ["mild"], 3, 0, robot), inputs_of(source, recipe, ["mild"], 3, 0, None, True)
-    again = inputs_of(source, recipe, ["mild"], 3, 0, replace(robot, fingerprint="0" * 64))
+    usual = transfer_eval_inputs(source, recipe, ["mild"], 3, 0)
+    assert usual == transfer_eval_inputs(source, recipe, ["mild"], 3, 0, None, False)
+    other = transfer_eval_inputs(source, recipe, ["mild"], 3, 0, robot)
+    much = transfer_eval_inputs(source, recipe, ["mild"], 3, 0, None, True)
+    again = transfer_eval_inputs(source, recipe, ["mild"], 3, 0, replace(robot, fingerprint="0" * 64))
     assert len({usual, other, much, again}) == 4
 
 

@@ -12,11 +12,12 @@ from command import files
 from worlds import SAWYER
 
 from skillcli.errors import UsageError
+from skillcli.evaluation.inputs import compose_inputs
 from skillcli.evaluation.request import Request
 from skillcli.progress import Progress
 from skillcli.recipe import Recipe, load_recipe, resolve
 from skillcli.robots.robot import Robot
-from skillcli.stages.compose import compose, inputs_of
+from skillcli.stages.compose import compose
 from skillcli.store import ArtifactId, Store
 from skillcli.tasks.world import skill_goals
 
@@ -73,12 +74,12 @@ def test_what_a_composition_depends_on_is_its_method_its_settings_and_its_seed(c
     source = Store(chain).read(ArtifactId("tiny", "embed-means", 1))
     recipe = resolve(source.recipe)
     request = Request.of(recipe, "", [(0.6, 0.1, 0.25)])
-    same = inputs_of(source, resolve(source.recipe, ["mpc.samples=99"]), request, "ddpg")
+    same = compose_inputs(source, resolve(source.recipe, ["mpc.samples=99"]), request, "ddpg")
     found = {
-        inputs_of(source, recipe, request, "ddpg"),
-        inputs_of(source, recipe, request, "ddpg", seed=1),
-        inputs_of(source, recipe, request, "ppo"),
-        inputs_of(source, resolve(source.recipe, ["ddpg.noise=0.1"]), request, "ddpg"),
+        compose_inputs(source, recipe, request, "ddpg"),
+        compose_inputs(source, recipe, request, "ddpg", seed=1),
+        compose_inputs(source, recipe, request, "ppo"),
+        compose_inputs(source, resolve(source.recipe, ["ddpg.noise=0.1"]), request, "ddpg"),
     }
     assert len(found) == 4 and same in found
 

@@ -13,13 +13,14 @@ from worlds import JOINTS, named_routes
 from skillcli import metrics
 from skillcli.composition.plan import Segment
 from skillcli.errors import UsageError
+from skillcli.evaluation.inputs import compose_inputs
 from skillcli.evaluation.library import open_library
 from skillcli.evaluation.sampled_robots import Robots
 from skillcli.evaluation.script import Script
 from skillcli.evaluation.trial import Target, Trial
 from skillcli.recipe import load_recipe
 from skillcli.simulation.domains import find_domain
-from skillcli.stages.compose import Request, execute, inputs_of
+from skillcli.stages.compose import Request, execute
 from skillcli.stages.pretrain import evaluate
 from skillcli.stages.visualise import draw, record
 from skillcli.store import STAGES, Artifact, ArtifactId, Store
@@ -117,7 +118,7 @@ def test_the_same_waypoints_on_other_routes_are_another_composition(push_chain: 
     source, push = read(push_chain, "embed-means"), load_recipe("push")
     a, b = np.array([[0.7, 0, 0]]), np.array([[0.6, 0.1, 0]])
     requests = [Request("", (np.concatenate([a, b]),)), Request("", (a, b)), Request("", (b, a))]
-    assert len({inputs_of(source, push, request, "search") for request in requests}) == 3
+    assert len({compose_inputs(source, push, request, "search") for request in requests}) == 3
 
 
 # --- what is composed -------------------------------------------------------------------------------------------------

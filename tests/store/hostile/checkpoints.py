@@ -24,11 +24,11 @@ Edit = Callable[[dict[str, Any], State], Any]
 
 def place(root: Path, seed: int = 0) -> Path:
     """Where `skill pretrain point --name hostile` keeps its checkpoint."""
+    from skillcli.evaluation.inputs import pretrain_inputs
     from skillcli.recipe import load_recipe
-    from skillcli.stages.pretrain import inputs_of
     from skillcli.store import Store
 
-    return Store(root).checkpoint_path(NAME, "pretrain", inputs_of(load_recipe("point", KEYS), seed))
+    return Store(root).checkpoint_path(NAME, "pretrain", pretrain_inputs(load_recipe("point", KEYS), seed))
 
 
 @lru_cache(maxsize=4)

@@ -31,11 +31,11 @@ def claims(seed: int, *keys: str) -> Callable[[Good], bytes]:
     """Trained so, it says that it comes of seed 0 and the settings that are asked for."""
 
     def build(_: Good) -> bytes:
+        from skillcli.evaluation.inputs import pretrain_inputs
         from skillcli.recipe import load_recipe
-        from skillcli.stages.pretrain import inputs_of
 
         copy = trained(seed, *keys)
-        copy.header["inputs_sha256"] = inputs_of(load_recipe("point", KEYS), 0)
+        copy.header["inputs_sha256"] = pretrain_inputs(load_recipe("point", KEYS), 0)
         return copy.file()
 
     return build

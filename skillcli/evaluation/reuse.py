@@ -11,11 +11,12 @@ import numpy as np
 
 from skillcli.errors import SkillError
 from skillcli.evaluation.consistency import check_meaning, stored_recipe
+from skillcli.evaluation.inputs import compose_inputs, embed_means_inputs, pretrain_inputs, transfer_eval_inputs
 from skillcli.evaluation.request import Request
 from skillcli.evaluation.trial import Target
 from skillcli.simulation.domains import find_domains
-from skillcli.stages import compose, embed_means, pretrain, transfer_eval
 from skillcli.store import COMPOSE, TRANSFER_EVAL, Artifact, Store, content_hash
+from skillcli.store.kinds import AnyKind
 from skillcli.store.kinds.compose import GOALS
 from skillcli.tasks.world import World
 from skillcli.trajectories import Array
@@ -23,7 +24,7 @@ from skillcli.trajectories import Array
 Inputs = Callable[[Artifact], str]
 
 
-def finished(store: Store, kind: str, inputs: str, name: str, inputs_of: Inputs) -> Artifact | None:
+def finished(store: Store, kind: AnyKind, inputs: str, name: str, inputs_of: Inputs) -> Artifact | None:
     """The newest artifact under a name that was made from exactly these inputs, if there is one.
 
     Args:
@@ -36,7 +37,7 @@ def finished(store: Store, kind: str, inputs: str, name: str, inputs_of: Inputs)
     Raises:
         StoreError: one that claims to be it cannot be read.
     """
-    for one in store.find(kind, inputs, name):
+    for one in store.find(kind.name, inputs, name):
         artifact = store.read(one)
         if content_hash(artifact) == artifact.content_sha256 and _really(artifact, inputs_of) == inputs:
             return artifact
@@ -55,12 +56,12 @@ def _really(artifact: Artifact, inputs_of: Inputs) -> str:
 
 def of_pretrain(artifact: Artifact) -> str:
     """What a training was made from."""
-    return pretrain.inputs_of(stored_recipe(artifact), artifact.seed)
+    return pretrain_inputs(stored_recipe(artifact), artifact.seed)
 
 
 def of_embed_means(artifact: Artifact) -> str:
     """What means were made from."""
-    return embed_means.inputs_of(artifact.parents[0]) if artifact.parents else ""
+    return embed_means_inputs(artifact.parents[0]) if artifact.parents else ""
 
 
 def of_compose(artifact: Artifact) -> str:
@@ -71,7 +72,7 @@ def of_compose(artifact: Artifact) -> str:
     target, route = arrays["waypoints/target"], arrays["waypoints/route"]
     routes = tuple(target[route == index] for index in range(results.routes))
     request = Request("" if results.task == GOALS else results.task, routes)
-    return compose.inputs_of(artifact.parents[0], stored_recipe(artifact), request, results.method, artifact.seed)
+    return compose_inputs(artifact.parents[0], stored_recipe(artifact), request, results.method, artifact.seed)
 
 
 def of_transfer_eval(artifact: Artifact, domains: Sequence[str], episodes: int) -> str:
@@ -86,7 +87,7 @@ def of_transfer_eval(artifact: Artifact, domains: Sequence[str], episodes: int) 
         if not _begins(artifact.group(f"domains/{domain.name}"), drawn):
             return ""
     sensitivity = any(domain.sensitivity is not None for domain in results.domains)
-    return transfer_eval.inputs_of(
+    return transfer_eval_inputs(
         artifact.parents[0], stored_recipe(artifact), domains, episodes, artifact.seed, sensitivity=sensitivity
     )
 

@@ -1,0 +1,33 @@
+"""One latent held from the start to the end of each episode."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skillcli.evaluation.rollouts import play
+from skillcli.learning.agent import Agent
+from skillcli.recipe import Recipe
+from skillcli.tasks.world import MAX_SIMULATIONS, World
+from skillcli.trajectories import Array, Trajectories
+
+
+def play_held(
+    recipe: Recipe, agent: Agent, latent: Array, target: Array, fed: Array, threads: int = 0
+) -> tuple[Trajectories, Array]:
+    """From the start, hold one latent (E, d) per episode to the end, judged by its target (E, 3) m.
+
+    Returns:
+        The recording, with `fed` (E,) as its skills, and the observations (E, T+1, o).
+    """
+    world = World.of(recipe)
+    recordings, observations = [], []
+    for first in range(0, len(fed), MAX_SIMULATIONS):
+        part = slice(first, first + MAX_SIMULATIONS)
+        env = world.make(len(fed[part]), threads)
+        env.reset(np.arange(env.num), np.zeros(env.num, dtype=np.int64))
+        env.target[:] = target[part]
+        held = np.repeat(latent[part][:, None], env.horizon, axis=1)
+        recording, observation = play(env, agent.act, held, np.repeat(fed[part][:, None], env.horizon, axis=1))
+        recordings.append(recording)
+        observations.append(observation)
+    return Trajectories.join(recordings), np.concatenate(observations)

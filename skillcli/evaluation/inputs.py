@@ -1,0 +1,82 @@
+"""Everything that the result of a stage depends on, as a fingerprint by which finished work is recognised."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from skillcli.errors import UsageError
+from skillcli.evaluation.library import TRAINED, fingerprint
+from skillcli.evaluation.replanning import REPLANS
+from skillcli.evaluation.request import Request
+from skillcli.evaluation.sampled_robots import Robots
+from skillcli.recipe import Recipe
+from skillcli.robots.robot import Robot
+from skillcli.simulation.domains import find_domains
+from skillcli.store import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, Artifact, Parent
+from skillcli.tasks.world import World
+
+RANDOM = ("ddpg", "ppo", "mpc")  # methods whose plan depends on a seed
+ON_SEVERAL = ("search", "mpc")  # methods that can score a latent on several robots at once
+ON_TARGET = ("search", "mpc", "ddpg", "ppo")  # methods that can plan on the target itself
+DRAWN = "each episode by itself, what repeats once"  # how robots are drawn: what was drawn otherwise is not used again
+
+
+def robots_for(recipe: Recipe, method: str, on: str, seed: int) -> Robots:
+    """The robots that a method tries latents on.
+
+    Raises:
+        UsageError: the domain is unknown, or the method does not try anything.
+    """
+    if on and method not in ON_TARGET:
+        raise UsageError(f"--method {method} tries nothing, on no domain", f"--on goes with {', '.join(ON_TARGET)}")
+    settings = recipe.compose if method in ON_SEVERAL else recipe.compose.model_copy(update={"ensemble": 0})
+    return Robots.of(settings, on, seed, World.of(recipe).joints)
+
+
+def pretrain_inputs(recipe: Recipe, seed: int) -> str:
+    """Of a training."""
+    return fingerprint(PRETRAIN.name, [recipe.fingerprint(TRAINED), seed, World.of(recipe).fingerprint])
+
+
+def embed_means_inputs(source: Artifact | Parent) -> str:
+    """Of the means of a training."""
+    return fingerprint(EMBED_MEANS.name, [source.content_sha256])
+
+
+def compose_inputs(
+    source: Artifact | Parent, recipe: Recipe, request: Request, method: str, seed: int = 0, on: str = ""
+) -> str:
+    """Of a composition."""
+    parts: list[Any] = [
+        source.content_sha256,
+        method,
+        recipe.fingerprint([method]),
+        request.task,
+        request.waypoints,
+        request.route,
+    ]
+    robots = robots_for(recipe, method, on, seed)
+    if robots.parameters or on:
+        parts += [seed, on, {name: values.tolist() for name, values in robots.parameters.items()}]
+    return fingerprint(COMPOSE.name, [*parts, seed] if method in RANDOM else parts)
+
+
+def transfer_eval_inputs(
+    source: Artifact | Parent,
+    recipe: Recipe,
+    domains: Sequence[str],
+    episodes: int,
+    seed: int,
+    robot: Robot | None = None,
+    sensitivity: bool = False,
+) -> str:
+    """Of a transfer."""
+    tables = [[domain.name, str(sorted(domain.parameters.items()))] for domain in find_domains(domains)]
+    replanned = recipe.fingerprint(["transfer", "compose", *REPLANS]) if recipe.transfer.replan else ""
+    parts: list[Any] = [source.content_sha256, tables, episodes, seed, replanned, DRAWN]
+    if robot is not None:
+        parts.append({"robot": robot.fingerprint})
+    if sensitivity:
+        parts.append("sensitivity")
+    return fingerprint(TRANSFER_EVAL.name, parts)
