@@ -101,7 +101,8 @@ def _understood(artifact: Artifact, sections: Iterable[str]) -> Recipe:
 
 def _problems(spec: AnyKind, recipe: Recipe, arrays: Arrays, results: Results) -> Iterator[str]:
     """What each folder of arrays that the kind has must agree with."""
-    yield from _recording(recipe, arrays)
+    if spec.holds("trajectories"):
+        yield from _recording(recipe, arrays)
     if spec.holds("skills"):
         yield from _skills(recipe, arrays, results)
     if spec.holds("weights"):
@@ -116,7 +117,7 @@ def _problems(spec: AnyKind, recipe: Recipe, arrays: Arrays, results: Results) -
 
 
 def _recording(recipe: Recipe, arrays: Arrays) -> Iterator[str]:
-    """Latents, skills, actions, clock and positions, which every kind has."""
+    """Latents, skills, actions, clock and positions."""
     task, skill = recipe.task, arrays["trajectories/skill"]
     joints = _joints(recipe, arrays)
     _, action, _ = sizes(task, joints)

@@ -116,17 +116,6 @@ def locked(root: Path, *, take_over: bool = False, patience: float | None = None
             _given_up.add(text)
 
 
-def read_owner(path: Path) -> Owner | None:
-    """The owner of a lock; None where there is no lock, or nothing legible in it.
-
-    Raises:
-        StoreError: what lies there is no lock, or cannot be read.
-    """
-    with storage_errors(f"look at {path}"):
-        seen = _look(path)
-    return seen.owner if seen else None
-
-
 def unlock(root: Path, *, force: bool = False) -> Owner | None:
     """Remove a lock that was left behind, and say whose it was.
 

@@ -13,7 +13,7 @@ from pathlib import PurePosixPath
 
 from skillcli import __version__
 from skillcli.errors import StoreError
-from skillcli.store.kinds import KINDS
+from skillcli.store.kinds import KINDS, AnyKind
 from skillcli.store.kinds.arrays import POSITIONS
 from skillcli.store.kinds.spec import CURVE, Field, Values
 
@@ -63,7 +63,7 @@ def check_arrays(kind: str, shapes: Mapping[str, Shape], label: str) -> None:
         StoreError: a required array lacks, a path is unknown, or named dimensions do not agree.
     """
     fields = KINDS[kind].fields
-    problems = _missing(fields, shapes)
+    problems = _missing(KINDS[kind], shapes)
     found: dict[str, tuple[int, str]] = {}
     for path, shape in sorted(shapes.items()):
         field = _field(fields, path)
@@ -121,10 +121,10 @@ def _expression(pattern: str) -> re.Pattern[str]:
     return re.compile(re.escape(pattern).replace(r"\*\*", ".+").replace(r"\*", "[^/]+"))
 
 
-def _missing(fields: Mapping[str, Field], shapes: Mapping[str, Shape]) -> list[str]:
-    wanted = [pattern for pattern, field in fields.items() if field.required]
+def _missing(spec: AnyKind, shapes: Mapping[str, Shape]) -> list[str]:
+    wanted = [pattern for pattern, field in spec.fields.items() if field.required]
     lacking = [f"{pattern} is missing" for pattern in wanted if not any(_matches(pattern, path) for path in shapes)]
-    if not POSITIONS.keys() & shapes.keys():
+    if spec.holds("trajectories") and not POSITIONS.keys() & shapes.keys():
         lacking.append(f"one of {', '.join(POSITIONS)} is needed")
     return lacking
 

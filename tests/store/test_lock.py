@@ -16,7 +16,7 @@ import pytest
 from skillcli.errors import StoreError
 from skillcli.store import Draft, Store, collect_garbage, unlock
 from skillcli.store import lock as locking
-from skillcli.store.lock import LOCK, locked, read_owner
+from skillcli.store.lock import LOCK, Owner, locked
 from skillcli.store.process import boot_tag, machine_tag, started
 
 
@@ -29,6 +29,12 @@ def _leave(root: Path, age: float = 0.0, **changes: str) -> None:
     (root / LOCK).unlink(missing_ok=True)
     (root / LOCK).symlink_to(":".join(["skill", *named.values()]))
     os.utime(root / LOCK, (time.time() - age,) * 2, follow_symlinks=False)
+
+
+def _owner(root: Path) -> Owner | None:
+    """Whose lock there is; None where there is none, or nothing legible in it."""
+    seen = locking._look(root / LOCK)
+    return seen.owner if seen else None
 
 
 def _free(root: Path) -> bool:
@@ -76,7 +82,7 @@ def test_the_lock_of_a_process_that_was_killed_here_is_taken_at_once(tmp_path: P
     for changes in ({"pid": f"{_ended():x}"}, {"started": "1"}):  # gone, or its number given to another since
         _leave(tmp_path, machine=machine_tag(), **changes)
         with locked(tmp_path, patience=0.0):
-            owner = read_owner(tmp_path / LOCK)
+            owner = _owner(tmp_path)
             assert owner and owner.here and owner.pid == os.getpid() and owner.name != "elsewhere"
     assert _free(tmp_path)
 
@@ -124,7 +130,7 @@ def test_a_lock_takes_no_block_of_the_disk(tmp_path: Path, monkeypatch: pytest.M
     with locked(tmp_path):
         text = str((tmp_path / LOCK).readlink())
         assert len(text) == 59  # as much as ext4 keeps in the inode
-        owner = read_owner(tmp_path / LOCK)
+        owner = _owner(tmp_path)
         assert owner and owner.pid == os.getpid()
 
 
@@ -135,7 +141,7 @@ def test_where_links_cannot_be_made_a_file_is_the_lock(tmp_path: Path, monkeypat
 
     monkeypatch.setattr(os, "symlink", refuse)
     with locked(tmp_path):
-        owner = read_owner(tmp_path / LOCK)
+        owner = _owner(tmp_path)
         assert owner and owner.here and not owner.gone
         with pytest.raises(StoreError, match=f"locked by process {os.getpid()}"), locked(tmp_path, patience=0.01):
             pass
@@ -198,7 +204,7 @@ def test_work_that_must_not_be_lost_takes_an_abandoned_lock(tmp_path: Path, monk
         else:
             (tmp_path / LOCK).write_text(text)
         with locked(tmp_path, take_over=True):
-            assert read_owner(tmp_path / LOCK)
+            assert _owner(tmp_path)
         assert _free(tmp_path)
 
 

@@ -27,7 +27,7 @@ TRAJECTORIES = {
     "trajectories/judged_position": Field("episode,step+1,xyz", "m", required=False),
     **POSITIONS,
 }
-"""Recorded episodes, which every kind holds."""
+"""Recorded episodes."""
 
 EMBEDDING = {
     "embedding/mean": Field("skill,latent"),
