@@ -11,7 +11,7 @@ import skillcli
 ROOT = Path(skillcli.__file__).parent
 # From the ground up. What is not named here is the base, which everybody may use.
 FLOORS: list[set[str]] = [
-    {"config"},
+    {"config", "kinds"},
     {"robots"},
     {"simulation", "composition", "store"},
     {"learning", "tasks"},

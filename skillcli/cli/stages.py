@@ -66,9 +66,9 @@ def pretrain(
 ) -> None:
     """Train policy and skill embedding together in simulation (stage 1)."""
     from skillcli.evaluation.inputs import pretrain_inputs
+    from skillcli.kinds import PRETRAIN
     from skillcli.recipe import load_recipe
     from skillcli.stages.pretrain import pretrain as stage
-    from skillcli.store import PRETRAIN
 
     session: Session = context.obj
     resolved = load_recipe(recipe, overrides or ())
@@ -90,7 +90,7 @@ def embed_means(
 ) -> None:
     """Take the mean latent of each skill, measure how well they are separated, and play each one."""
     session: Session = context.obj
-    from skillcli.store import EMBED_MEANS
+    from skillcli.kinds import EMBED_MEANS
 
     found = session.pick(source, *EMBED_MEANS.made_from)
     from skillcli.stages.embed_means import embed_means as stage
@@ -142,7 +142,7 @@ def compose(
     chosen = settings(method, given)
     if on and ensemble:
         raise UsageError("--on plans on one target, --ensemble on several robots", "leave one of them out")
-    from skillcli.store import COMPOSE
+    from skillcli.kinds import COMPOSE
 
     found = session.pick(source, *COMPOSE.made_from)
     from skillcli.cli.tables import where
@@ -188,7 +188,7 @@ def transfer_eval(
 ) -> None:
     """Run a composition, or bare skills, on robots that differ from the simulation (stage 3)."""
     session: Session = context.obj
-    from skillcli.store import TRANSFER_EVAL
+    from skillcli.kinds import TRANSFER_EVAL
 
     usual, *others = TRANSFER_EVAL.made_from
     found = session.pick(source, usual, *(others if source else ()))
@@ -253,10 +253,10 @@ def demo(
 
 def _chain(session: Session, recipe: str, seed: int, name: str | None, overrides: list[str] | None) -> None:
     from skillcli.cli.tables import table_of
+    from skillcli.kinds import COMPOSE
     from skillcli.recipe import load_recipe
     from skillcli.stages.chain import run_chain
     from skillcli.stages.visualise import draw, record
-    from skillcli.store import COMPOSE
 
     resolved = load_recipe(recipe, overrides or ())
     folder = checked(name) or resolved.name

@@ -53,7 +53,7 @@ def list_artifacts(
     """List the artifacts, the newest last."""
     from fnmatch import fnmatchcase
 
-    from skillcli.store import KINDS
+    from skillcli.kinds import KINDS
 
     if kind and kind not in KINDS:
         raise UsageError(f"no kind {kind!r}", f"kinds: {', '.join(KINDS)}")
@@ -133,7 +133,7 @@ def _entry(header: Header, pinned: bool) -> dict[str, Any]:
 
 
 def _schema_note(header: Header) -> list[str]:
-    from skillcli.store import kind_spec
+    from skillcli.kinds import kind_spec
 
     ours = kind_spec(header.kind).version
     if header.schema_version == ours:
@@ -239,7 +239,7 @@ def verify(
 
 def _pictures() -> set[str]:
     """Names of the files that `skill run` puts beside artifacts."""
-    from skillcli.store import COMPOSE, KINDS
+    from skillcli.kinds import COMPOSE, KINDS
 
     return {*(f"{kind}.png" for kind in KINDS), f"{COMPOSE.name}.rrd"}
 

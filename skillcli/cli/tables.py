@@ -9,11 +9,12 @@ from rich.pretty import Pretty
 from rich.table import Table
 from rich.text import Text
 
-from skillcli.store import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, Artifact, ByKind, kind_spec
-from skillcli.store.kinds.compose import BrokenLimit
-from skillcli.store.kinds.embed_means import Halfway
-from skillcli.store.kinds.outcome import Outcome
-from skillcli.store.kinds.transfer_eval import DomainResults, TransferEvalResults, WorstEpisode
+from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, ByKind, kind_spec
+from skillcli.kinds.compose import BrokenLimit
+from skillcli.kinds.embed_means import Halfway
+from skillcli.kinds.outcome import Outcome
+from skillcli.kinds.transfer_eval import DomainResults, TransferEvalResults, WorstEpisode
+from skillcli.store import Artifact
 
 TABLES: ByKind[Callable[[Artifact], Group]] = ByKind("table")
 

@@ -13,12 +13,12 @@ import numpy as np
 
 from skillcli.config.randomization import PARAMETERS
 from skillcli.errors import StoreError, UsageError
+from skillcli.kinds import AnyKind, kind_spec
+from skillcli.kinds.spec import Arrays, Results
 from skillcli.learning.shapes import weight_shapes
 from skillcli.recipe import Recipe, resolve
 from skillcli.robots.config import bundled_robots, describe_robot
-from skillcli.store import Artifact, kind_spec
-from skillcli.store.kinds import AnyKind
-from skillcli.store.kinds.spec import Arrays, Results
+from skillcli.store import Artifact
 from skillcli.store.migrate import brought_up
 from skillcli.store.schema import check_parents
 from skillcli.tasks.world import recorded, sizes, skill_goals

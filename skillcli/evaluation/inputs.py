@@ -10,10 +10,11 @@ from skillcli.evaluation.library import TRAINED, fingerprint
 from skillcli.evaluation.replanning import REPLANS
 from skillcli.evaluation.request import Request
 from skillcli.evaluation.sampled_robots import Robots
+from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL
 from skillcli.recipe import Recipe
 from skillcli.robots.robot import Robot
 from skillcli.simulation.domains import find_domains
-from skillcli.store import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, Artifact, Parent
+from skillcli.store import Artifact, Parent
 from skillcli.tasks.world import World
 
 RANDOM = ("ddpg", "ppo", "mpc")  # methods whose plan depends on a seed

@@ -13,9 +13,10 @@ import numpy as np
 
 from skillcli.errors import StoreError, UsageError
 from skillcli.evaluation.consistency import TRAINED, check_meaning, check_same_skills, skill_names, stored_recipe
+from skillcli.kinds import PRETRAIN
 from skillcli.learning.agent import Agent
 from skillcli.recipe import Recipe
-from skillcli.store import PRETRAIN, Artifact, ArtifactId, Store
+from skillcli.store import Artifact, ArtifactId, Store
 from skillcli.tasks.world import World
 from skillcli.trajectories import Array
 

@@ -8,8 +8,8 @@ from skillcli.composition.plan import Segment, schedule
 from skillcli.evaluation.library import Library
 from skillcli.evaluation.rollouts import conduct
 from skillcli.evaluation.sampled_robots import Robots
-from skillcli.store.kinds.compose import BrokenLimit
-from skillcli.store.kinds.record import point
+from skillcli.kinds.compose import BrokenLimit
+from skillcli.kinds.record import point
 from skillcli.trajectories import SAFETY_LIMITS, Array, Trajectories
 
 

@@ -14,10 +14,10 @@ from skillcli.evaluation.consistency import check_meaning, stored_recipe
 from skillcli.evaluation.inputs import compose_inputs, embed_means_inputs, pretrain_inputs, transfer_eval_inputs
 from skillcli.evaluation.request import Request
 from skillcli.evaluation.trial import Target
+from skillcli.kinds import COMPOSE, TRANSFER_EVAL, AnyKind
+from skillcli.kinds.compose import GOALS
 from skillcli.simulation.domains import find_domains
-from skillcli.store import COMPOSE, TRANSFER_EVAL, Artifact, Store, content_hash
-from skillcli.store.kinds import AnyKind
-from skillcli.store.kinds.compose import GOALS
+from skillcli.store import Artifact, Store, content_hash
 from skillcli.tasks.world import World
 from skillcli.trajectories import Array
 

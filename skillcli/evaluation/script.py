@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from skillcli.evaluation.library import Library
-from skillcli.store import Artifact, kind_spec
+from skillcli.kinds import kind_spec
+from skillcli.store import Artifact
 from skillcli.trajectories import Array
 
 

@@ -7,8 +7,8 @@ import numpy as np
 from skillcli import metrics
 from skillcli.config.randomization import MANNERS, NEEDS, PARAMETERS
 from skillcli.evaluation.trial import Target
-from skillcli.store.kinds.outcome import Distances, Outcome
-from skillcli.store.kinds.transfer_eval import Alone, DomainResults, SourceResults, WorstEpisode
+from skillcli.kinds.outcome import Distances, Outcome
+from skillcli.kinds.transfer_eval import Alone, DomainResults, SourceResults, WorstEpisode
 from skillcli.trajectories import Array, Trajectories
 
 WORST = 5  # episodes that are listed

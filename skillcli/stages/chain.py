@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from skillcli.evaluation.inputs import compose_inputs, embed_means_inputs, pretrain_inputs, transfer_eval_inputs
 from skillcli.evaluation.request import Request
 from skillcli.evaluation.reuse import finished, of_compose, of_embed_means, of_pretrain, of_transfer_eval
+from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL
 from skillcli.progress import Report, silent
 from skillcli.recipe import Recipe
 from skillcli.simulation.domains import find_domains
@@ -15,7 +16,7 @@ from skillcli.stages.compose import compose
 from skillcli.stages.embed_means import embed_means
 from skillcli.stages.pretrain import pretrain
 from skillcli.stages.transfer_eval import transfer_eval
-from skillcli.store import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, Artifact, Store
+from skillcli.store import Artifact, Store
 
 
 @dataclass(frozen=True)

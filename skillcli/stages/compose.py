@@ -20,10 +20,8 @@ from skillcli.evaluation.planning import METHODS, Leg, Planned
 from skillcli.evaluation.request import Request
 from skillcli.evaluation.rollouts import play_waypoints
 from skillcli.evaluation.sampled_robots import Robots
-from skillcli.progress import Progress, Report, silent
-from skillcli.recipe import Recipe
-from skillcli.store import COMPOSE, Artifact, ArtifactId, Draft, Store
-from skillcli.store.kinds.compose import (
+from skillcli.kinds import COMPOSE
+from skillcli.kinds.compose import (
     GOALS,
     CalibrationResults,
     ComposeMeasured,
@@ -31,7 +29,10 @@ from skillcli.store.kinds.compose import (
     PlannedSegment,
     Waypoint,
 )
-from skillcli.store.kinds.record import point
+from skillcli.kinds.record import point
+from skillcli.progress import Progress, Report, silent
+from skillcli.recipe import Recipe
+from skillcli.store import Artifact, ArtifactId, Draft, Store
 from skillcli.trajectories import Array, Trajectories
 
 __all__ = ["METHODS", "Request", "compose", "execute"]

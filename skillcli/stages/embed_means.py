@@ -8,9 +8,10 @@ from skillcli import metrics
 from skillcli.evaluation.held import play_held
 from skillcli.evaluation.inputs import embed_means_inputs
 from skillcli.evaluation.library import open_library
-from skillcli.store import EMBED_MEANS, PRETRAIN, Artifact, ArtifactId, Draft, Store
-from skillcli.store.kinds.embed_means import EmbedMeansResults, Halfway, MeanSkill
-from skillcli.store.kinds.record import point
+from skillcli.kinds import EMBED_MEANS, PRETRAIN
+from skillcli.kinds.embed_means import EmbedMeansResults, Halfway, MeanSkill
+from skillcli.kinds.record import point
+from skillcli.store import Artifact, ArtifactId, Draft, Store
 from skillcli.trajectories import Array, Trajectories
 
 

@@ -18,6 +18,17 @@ from skillcli.evaluation.held import play_held
 from skillcli.evaluation.inputs import pretrain_inputs
 from skillcli.evaluation.library import skill_names
 from skillcli.evaluation.rollouts import play
+from skillcli.kinds import PRETRAIN
+from skillcli.kinds.outcome import Distances
+from skillcli.kinds.pretrain import (
+    EmbeddingQuality,
+    PretrainMeasured,
+    PretrainResults,
+    Randomised,
+    Throughput,
+    TrainedSkill,
+)
+from skillcli.kinds.record import point
 from skillcli.learning.agent import Agent
 from skillcli.learning.learner import Learner
 from skillcli.learning.saved import is_seconds, shown
@@ -26,17 +37,7 @@ from skillcli.recipe import Recipe
 from skillcli.seeding import generator
 from skillcli.simulation.throughput import BareEngine
 from skillcli.stopping import StopRequest, stoppable
-from skillcli.store import PRETRAIN, Artifact, Draft, Store, load_checkpoint, remove_checkpoint, save_checkpoint
-from skillcli.store.kinds.outcome import Distances
-from skillcli.store.kinds.pretrain import (
-    EmbeddingQuality,
-    PretrainMeasured,
-    PretrainResults,
-    Randomised,
-    Throughput,
-    TrainedSkill,
-)
-from skillcli.store.kinds.record import point
+from skillcli.store import Artifact, Draft, Store, load_checkpoint, remove_checkpoint, save_checkpoint
 from skillcli.tasks.world import MAX_SIMULATIONS, World
 from skillcli.trajectories import Array, Trajectories
 

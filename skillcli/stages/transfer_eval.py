@@ -17,12 +17,13 @@ from skillcli.evaluation.sampled_robots import Robots
 from skillcli.evaluation.script import Script
 from skillcli.evaluation.transfer_report import domain_report, most_harmful_first, one_at_a_time, source_report
 from skillcli.evaluation.trial import NOMINAL, Target, Trial
+from skillcli.kinds import COMPOSE, TRANSFER_EVAL
+from skillcli.kinds.transfer_eval import TargetRobot, TransferEvalMeasured, TransferEvalResults
 from skillcli.progress import Progress, Report, silent
 from skillcli.recipe import Recipe
 from skillcli.robots.robot import Robot
 from skillcli.simulation.domains import find_domains
-from skillcli.store import COMPOSE, TRANSFER_EVAL, Artifact, ArtifactId, Draft, Store
-from skillcli.store.kinds.transfer_eval import TargetRobot, TransferEvalMeasured, TransferEvalResults
+from skillcli.store import Artifact, ArtifactId, Draft, Store
 from skillcli.trajectories import Trajectories
 
 

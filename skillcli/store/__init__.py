@@ -7,26 +7,18 @@ from skillcli.store.artifact import Artifact, Draft, Header, Parent, Unreadable,
 from skillcli.store.checkpoint import load_checkpoint, remove_checkpoint, save_checkpoint
 from skillcli.store.gc import Garbage, collect_garbage, find_garbage
 from skillcli.store.ids import STAGES, ArtifactId
-from skillcli.store.kinds import COMPOSE, EMBED_MEANS, KINDS, PRETRAIN, TRANSFER_EVAL, ByKind, KindSpec, kind_spec
 from skillcli.store.listing import Listing
 from skillcli.store.lock import Owner, unlock
 from skillcli.store.store import Store
 
 __all__ = [
-    "COMPOSE",
-    "EMBED_MEANS",
-    "KINDS",
-    "PRETRAIN",
     "STAGES",
-    "TRANSFER_EVAL",
     "Artifact",
     "ArtifactId",
-    "ByKind",
     "Draft",
     "Garbage",
     "Header",
     "Imported",
-    "KindSpec",
     "Listing",
     "Owner",
     "Parent",
@@ -37,7 +29,6 @@ __all__ = [
     "export",
     "find_garbage",
     "import_file",
-    "kind_spec",
     "load_checkpoint",
     "remove_checkpoint",
     "save_checkpoint",

@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from skillcli.errors import StoreError
+from skillcli.kinds import KINDS, kind_spec
 from skillcli.store import schema
 from skillcli.store import validation as meaning
 from skillcli.store.artifact import Artifact, Draft, Header, Parent, content_hash
 from skillcli.store.canonical_json import canonical, plain, sha256
 from skillcli.store.container import RECORD, Contents, checked_arrays, pack, parse_record, peek, reading, text_array, unpack
 from skillcli.store.ids import ArtifactId
-from skillcli.store.kinds import KINDS, kind_spec
 from skillcli.store.provenance import git_state, package_versions
 
 _HEADER = {

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from skillcli.errors import StoreError
-from skillcli.store.kinds import KINDS
+from skillcli.kinds import KINDS
 
 STAGES = tuple(KINDS)
 """Every stage writes one kind of artifact, called after it."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from skillcli.errors import StoreError
+from skillcli.kinds import KINDS
+from skillcli.kinds.spec import Arrays, Results
 from skillcli.store.artifact import ORIGIN, Artifact, Draft
-from skillcli.store.kinds import KINDS
-from skillcli.store.kinds.spec import Arrays, Results
 
 
 def brought_up(old: Artifact) -> tuple[Arrays, Results]:

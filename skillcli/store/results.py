@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, cast, get_args, get_origin
 
-from skillcli.store.kinds import kind_spec
-from skillcli.store.kinds.record import Record, Slot, is_record, slots, without_none
-from skillcli.store.kinds.spec import LARGEST
+from skillcli.kinds import kind_spec
+from skillcli.kinds.record import Record, Slot, is_record, slots, without_none
+from skillcli.kinds.spec import LARGEST
 
 Form = Any
 """A type (int, float, bool, str), a mapping from keys to forms, `ListOf`, `DictOf`, or `Maybe` one of these."""

@@ -13,9 +13,9 @@ from pathlib import PurePosixPath
 
 from skillcli import __version__
 from skillcli.errors import StoreError
-from skillcli.store.kinds import KINDS, AnyKind
-from skillcli.store.kinds.arrays import POSITIONS
-from skillcli.store.kinds.spec import CURVE, Field, Values
+from skillcli.kinds import KINDS, AnyKind
+from skillcli.kinds.arrays import POSITIONS
+from skillcli.kinds.spec import CURVE, Field, Values
 
 Shape = tuple[int, ...]
 
@@ -83,7 +83,7 @@ def refuse(problems: Sequence[str], label: str) -> None:
     """
     if problems:
         more = f" and {len(problems) - 3} more" if len(problems) > 3 else ""
-        raise StoreError(f"{label}: {'; '.join(problems[:3])}{more}", "skillcli/store/kinds lists what it holds")
+        raise StoreError(f"{label}: {'; '.join(problems[:3])}{more}", "skillcli/kinds lists what it holds")
 
 
 def sizes(kind: str, shapes: Mapping[str, Shape]) -> dict[str, int]:

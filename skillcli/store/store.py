@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from skillcli.errors import StoreError, UnknownArtifact
+from skillcli.kinds import KINDS, kind_spec
 from skillcli.store import atomic, codec, container, listing, pins, schema
 from skillcli.store.artifact import Artifact, Draft, Header, Parent, Unreadable, content_hash
 from skillcli.store.atomic import storage_errors
 from skillcli.store.ids import ArtifactId, check_name
-from skillcli.store.kinds import KINDS, kind_spec
 from skillcli.store.listing import Listing
 from skillcli.store.lock import locked
 from skillcli.store.migrate import migrated

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from skillcli.kinds import KINDS
+from skillcli.kinds.spec import Values
 from skillcli.store import schema
 from skillcli.store.artifact import Array, Artifact
-from skillcli.store.kinds import KINDS
-from skillcli.store.kinds.spec import Values
 from skillcli.store.migrate import brought_up
 from skillcli.store.results import complaints
 from skillcli.trajectories import SAFETY_LIMITS

@@ -18,7 +18,7 @@ from matplotlib.gridspec import GridSpec, SubplotSpec
 from matplotlib.lines import Line2D
 
 from skillcli.errors import UsageError
-from skillcli.store import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, ByKind
+from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, ByKind
 from skillcli.viz import motion, panels_space, panels_time, panels_transfer
 from skillcli.viz.canvas import blank, encoded, legend, mark, skill_handles, styled
 from skillcli.viz.files import FORMATS, replacing

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from skillcli.evaluation.library import Library, kin, open_library
-from skillcli.store import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, Artifact, ArtifactId, ByKind, Store, kind_spec
+from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, ByKind, kind_spec
+from skillcli.store import Artifact, ArtifactId, Store
 from skillcli.trajectories import Array, Trajectories
 from skillcli.viz.scene import Runs, Scene
 
@@ -36,11 +37,12 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
         StoreError: it, or the skills it was made from, cannot be read; or nothing is drawn of its kind.
     """
     artifact = store.read(artifact_id)
+    show = SHOWN.of(artifact.kind)
     library = open_library(store, artifact)
     recording = Trajectories(**artifact.group("trajectories"))
     task = library.recipe.task
     waypoints, waypoint_route, routes = _waypoints(store, artifact, library)
-    shown = SHOWN.of(artifact.kind)(store, artifact, library)
+    shown = show(store, artifact, library)
     turn = np.arange(recording.episodes) if shown.turn is None else shown.turn
     return Scene(
         title=str(artifact.id),

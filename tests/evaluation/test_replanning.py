@@ -15,10 +15,10 @@ from skillcli.evaluation.identification import Identification
 from skillcli.evaluation.planning import Leg
 from skillcli.evaluation.replanning import Replanner
 from skillcli.evaluation.sampled_robots import Robots
+from skillcli.kinds.transfer_eval import DomainResults
 from skillcli.progress import silent
 from skillcli.recipe import Recipe, resolve
 from skillcli.simulation.arm_environment import ArmEnvironment
-from skillcli.store.kinds.transfer_eval import DomainResults
 from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.reach.settings import ReachTask
 from skillcli.trajectories import SAFETY_LIMITS, Array, Trajectories

@@ -18,7 +18,8 @@ from hostile.layout import Bytes, lookup3
 
 from skillcli.errors import StoreError
 from skillcli.evaluation.consistency import check_meaning
-from skillcli.store import KINDS, ArtifactId, Store, import_file
+from skillcli.kinds import KINDS
+from skillcli.store import ArtifactId, Store, import_file
 
 pytestmark = pytest.mark.slow
 

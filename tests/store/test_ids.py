@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from skillcli.errors import StoreError, UnknownArtifact
-from skillcli.store import KINDS, STAGES, ArtifactId
+from skillcli.kinds import KINDS
+from skillcli.store import STAGES, ArtifactId
 from skillcli.store.resolve import match
 
 KNOWN = [

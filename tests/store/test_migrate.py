@@ -12,8 +12,9 @@ import pytest
 
 from skillcli import __version__
 from skillcli.errors import StoreError
+from skillcli.kinds import KINDS
 from skillcli.plaintext import markdown
-from skillcli.store import KINDS, ArtifactId, Draft, Store
+from skillcli.store import ArtifactId, Draft, Store
 
 GOLDEN = Path(__file__).parent / "golden"
 PRESENT = {

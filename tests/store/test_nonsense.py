@@ -11,9 +11,9 @@ import pytest
 from forge import forge
 
 from skillcli.errors import StoreError
+from skillcli.kinds import KINDS
+from skillcli.kinds.record import Measured, Record, slots
 from skillcli.store import STAGES, ArtifactId, Draft, Store, import_file
-from skillcli.store.kinds import KINDS
-from skillcli.store.kinds.record import Measured, Record, slots
 from skillcli.store.schema import check_parents
 
 Make = Callable[..., Draft]

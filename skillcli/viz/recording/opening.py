@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import rerun.blueprint as rrb
 
-from skillcli.store import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, ByKind
+from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, ByKind
 from skillcli.trajectories import Array
 from skillcli.viz import motion
 from skillcli.viz.recording.layout import curve_path, in_space, slug, spread

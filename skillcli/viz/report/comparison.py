@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL
+from skillcli.kinds.compose import ComposeResults
+from skillcli.kinds.transfer_eval import DomainResults
 from skillcli.metrics import angle_deg
-from skillcli.store import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL
-from skillcli.store.kinds.compose import ComposeResults
-from skillcli.store.kinds.transfer_eval import DomainResults
 from skillcli.viz.report import paper
 from skillcli.viz.report.content import Number, Row, Table
 from skillcli.viz.report.selection import Exhibit, Material

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from skillcli.store import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL
-from skillcli.store.kinds.compose import GOALS, ComposeResults
+from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL
+from skillcli.kinds.compose import GOALS, ComposeResults
 from skillcli.trajectories import Array
 from skillcli.viz import motion
 from skillcli.viz.canvas import encoded, styled

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from skillcli.errors import SkillError, StoreError
-from skillcli.store import Artifact, ArtifactId, Header, Store, kind_spec
-from skillcli.store.kinds import AnyKind
+from skillcli.kinds import AnyKind, kind_spec
+from skillcli.store import Artifact, ArtifactId, Header, Store
 from skillcli.viz.loading import scene_of
 from skillcli.viz.scene import Scene, drawable
 

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from skillcli.store.kinds.arrays import EMBEDDING, TRAJECTORIES
-from skillcli.store.kinds.outcome import Distances
-from skillcli.store.kinds.record import Interval, Measured, Point, Record, unsaid
-from skillcli.store.kinds.spec import CURVE, WEIGHT, Array, Field, KindSpec, Sizes, counted
+from skillcli.kinds.arrays import EMBEDDING, TRAJECTORIES
+from skillcli.kinds.outcome import Distances
+from skillcli.kinds.record import Interval, Measured, Point, Record, unsaid
+from skillcli.kinds.spec import CURVE, WEIGHT, Array, Field, KindSpec, Sizes, counted
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from skillcli.store.kinds.arrays import TRAJECTORIES
-from skillcli.store.kinds.embed_means import EMBED_MEANS
-from skillcli.store.kinds.pretrain import PRETRAIN
-from skillcli.store.kinds.record import Measured, Point, Record, unsaid
-from skillcli.store.kinds.spec import (
+from skillcli.kinds.arrays import TRAJECTORIES
+from skillcli.kinds.embed_means import EMBED_MEANS
+from skillcli.kinds.pretrain import PRETRAIN
+from skillcli.kinds.record import Measured, Point, Record, unsaid
+from skillcli.kinds.spec import (
     CURVE,
     POSITIVE,
     WEIGHT,

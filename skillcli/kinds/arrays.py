@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from skillcli.store.kinds.spec import COUNT, POSITIVE, TRUTH, Field, Values, index
+from skillcli.kinds.spec import COUNT, POSITIVE, TRUTH, Field, Values, index
 
 POSITIONS = {
     "trajectories/joint_position": Field("episode,step+1,joint", "rad", required=False),

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
 from skillcli.errors import StoreError
-from skillcli.store.kinds.compose import COMPOSE
-from skillcli.store.kinds.embed_means import EMBED_MEANS
-from skillcli.store.kinds.pretrain import PRETRAIN
-from skillcli.store.kinds.spec import KindSpec
-from skillcli.store.kinds.transfer_eval import TRANSFER_EVAL
+from skillcli.kinds.compose import COMPOSE
+from skillcli.kinds.embed_means import EMBED_MEANS
+from skillcli.kinds.pretrain import PRETRAIN
+from skillcli.kinds.spec import KindSpec
+from skillcli.kinds.transfer_eval import TRANSFER_EVAL
 
 __all__ = ["COMPOSE", "EMBED_MEANS", "KINDS", "PRETRAIN", "TRANSFER_EVAL", "AnyKind", "ByKind", "KindSpec", "kind_spec"]
 

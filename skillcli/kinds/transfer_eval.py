@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from skillcli.store.kinds.arrays import TRAJECTORIES
-from skillcli.store.kinds.compose import COMPOSE
-from skillcli.store.kinds.embed_means import EMBED_MEANS
-from skillcli.store.kinds.outcome import Distances, Outcome
-from skillcli.store.kinds.pretrain import PRETRAIN
-from skillcli.store.kinds.record import Interval, Measured, Record, rest, unsaid
-from skillcli.store.kinds.spec import COUNT, Array, Field, KindSpec, Sizes
+from skillcli.kinds.arrays import TRAJECTORIES
+from skillcli.kinds.compose import COMPOSE
+from skillcli.kinds.embed_means import EMBED_MEANS
+from skillcli.kinds.outcome import Distances, Outcome
+from skillcli.kinds.pretrain import PRETRAIN
+from skillcli.kinds.record import Interval, Measured, Record, rest, unsaid
+from skillcli.kinds.spec import COUNT, Array, Field, KindSpec, Sizes
 
 _ROUNDING = 1e-9
 

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skillcli.errors import StoreError
-from skillcli.store.kinds.record import Measured, Record
-
-if TYPE_CHECKING:
-    from skillcli.store.artifact import Artifact
+from skillcli.kinds.record import Measured, Record
 
 Array = NDArray[Any]
 Arrays = dict[str, Array]
@@ -22,6 +19,27 @@ Sizes = Mapping[str, int]
 Step = Callable[[Arrays, Results], tuple[Arrays, Results]]
 R = TypeVar("R", bound=Record)
 M = TypeVar("M", bound=Measured)
+
+
+class Kept(Protocol):
+    """What a kind needs to know of an artifact."""
+
+    @property
+    def id(self) -> object:
+        """Its id."""
+
+    @property
+    def kind(self) -> str:
+        """The name of its kind."""
+
+    @property
+    def results(self) -> Mapping[str, Any]:
+        """What was found out, as JSON."""
+
+    @property
+    def measured(self) -> Mapping[str, Any]:
+        """What differs from run to run, as JSON."""
+
 
 LARGEST = 1e12  # of what is measured or drawn: metres, radians, seconds, rewards
 
@@ -101,11 +119,11 @@ class KindSpec(Generic[R, M]):
         """Whether every artifact of this kind has arrays in a folder, such as "weights"."""
         return any(pattern.startswith(f"{folder}/") and each.required for pattern, each in self.fields.items())
 
-    def is_kind_of(self, artifact: Artifact) -> bool:
+    def is_kind_of(self, artifact: Kept) -> bool:
         """Whether an artifact is of this kind."""
         return artifact.kind == self.name
 
-    def results_of(self, artifact: Artifact) -> R:
+    def results_of(self, artifact: Kept) -> R:
         """What an artifact of this kind found out.
 
         Raises:
@@ -114,7 +132,7 @@ class KindSpec(Generic[R, M]):
         self._refuse_others(artifact)
         return self.results.read(artifact.results)
 
-    def measured_of(self, artifact: Artifact) -> M:
+    def measured_of(self, artifact: Kept) -> M:
         """What was measured on the way to an artifact of this kind.
 
         Raises:
@@ -123,7 +141,7 @@ class KindSpec(Generic[R, M]):
         self._refuse_others(artifact)
         return self.measured.read(artifact.measured)
 
-    def _refuse_others(self, artifact: Artifact) -> None:
+    def _refuse_others(self, artifact: Kept) -> None:
         if not self.is_kind_of(artifact):
             raise StoreError(f"{artifact.id} is of kind {artifact.kind}, expected {self.name}", "give another one")
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from skillcli.store.kinds.arrays import EMBEDDING, TRAJECTORIES
-from skillcli.store.kinds.pretrain import PRETRAIN
-from skillcli.store.kinds.record import Measured, Point, Record
-from skillcli.store.kinds.spec import Array, Arrays, Field, KindSpec, Results, Sizes, counted, index
+from skillcli.kinds.arrays import EMBEDDING, TRAJECTORIES
+from skillcli.kinds.pretrain import PRETRAIN
+from skillcli.kinds.record import Measured, Point, Record
+from skillcli.kinds.spec import Array, Arrays, Field, KindSpec, Results, Sizes, counted, index
 
 
 @dataclass(frozen=True, kw_only=True)

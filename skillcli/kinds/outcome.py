@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from skillcli.store.kinds.record import Interval, Record, unsaid
+from skillcli.kinds.record import Interval, Record, unsaid
 
 
 @dataclass(frozen=True, kw_only=True)
