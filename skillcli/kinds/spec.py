@@ -21,7 +21,7 @@ R = TypeVar("R", bound=Record)
 M = TypeVar("M", bound=Measured)
 
 
-class Kept(Protocol):
+class Stored(Protocol):
     """What a kind needs to know of an artifact."""
 
     @property
@@ -119,11 +119,11 @@ class KindSpec(Generic[R, M]):
         """Whether every artifact of this kind has arrays in a folder, such as "weights"."""
         return any(pattern.startswith(f"{folder}/") and each.required for pattern, each in self.fields.items())
 
-    def is_kind_of(self, artifact: Kept) -> bool:
+    def is_kind_of(self, artifact: Stored) -> bool:
         """Whether an artifact is of this kind."""
         return artifact.kind == self.name
 
-    def results_of(self, artifact: Kept) -> R:
+    def results_of(self, artifact: Stored) -> R:
         """What an artifact of this kind found out.
 
         Raises:
@@ -132,7 +132,7 @@ class KindSpec(Generic[R, M]):
         self._refuse_others(artifact)
         return self.results.read(artifact.results)
 
-    def measured_of(self, artifact: Kept) -> M:
+    def measured_of(self, artifact: Stored) -> M:
         """What was measured on the way to an artifact of this kind.
 
         Raises:
@@ -141,7 +141,7 @@ class KindSpec(Generic[R, M]):
         self._refuse_others(artifact)
         return self.measured.read(artifact.measured)
 
-    def _refuse_others(self, artifact: Kept) -> None:
+    def _refuse_others(self, artifact: Stored) -> None:
         if not self.is_kind_of(artifact):
             raise StoreError(f"{artifact.id} is of kind {artifact.kind}, expected {self.name}", "give another one")
 

@@ -27,7 +27,7 @@ class Shown:
     drawn: Mapping[str, Array] = field(default_factory=dict)
 
 
-SHOWN: ByKind[Callable[[Store, Artifact, Library], Shown]] = ByKind("picture")
+SCENES: ByKind[Callable[[Store, Artifact, Library], Shown]] = ByKind("figure or recording")
 
 
 def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
@@ -37,7 +37,7 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
         StoreError: it, or the skills it was made from, cannot be read; or nothing is drawn of its kind.
     """
     artifact = store.read(artifact_id)
-    show = SHOWN.of(artifact.kind)
+    show = SCENES.of(artifact.kind)
     library = open_library(store, artifact)
     recording = Trajectories(**artifact.group("trajectories"))
     task = library.recipe.task
@@ -82,7 +82,7 @@ def _waypoints(store: Store, artifact: Artifact, library: Library) -> tuple[Arra
     return np.zeros((0, 3)), np.zeros(0, dtype=int), 1
 
 
-@SHOWN.register(PRETRAIN)
+@SCENES.register(PRETRAIN)
 def _trained(_store: Store, artifact: Artifact, library: Library) -> Shown:
     skills, episodes = library.names, len(artifact.arrays["trajectories/length"])
     each = episodes // len(skills)
@@ -90,20 +90,20 @@ def _trained(_store: Store, artifact: Artifact, library: Library) -> Shown:
     return Shown(runs=Runs.SAMPLED, labels=tuple(labels))
 
 
-@SHOWN.register(EMBED_MEANS)
+@SCENES.register(EMBED_MEANS)
 def _embedded(_store: Store, artifact: Artifact, library: Library) -> Shown:
     between = (f"between {pair.from_} and {pair.to}" for pair in EMBED_MEANS.results_of(artifact).halfway)
     return Shown(runs=Runs.BETWEEN, labels=(*(f"skill {skill}" for skill in library.names), *between))
 
 
-@SHOWN.register(COMPOSE)
+@SCENES.register(COMPOSE)
 def _composed(_store: Store, artifact: Artifact, _library: Library) -> Shown:
     found = COMPOSE.results_of(artifact)
     routes = [f" {route + 1}" for route in range(found.routes)] if found.routes > 1 else [""]
     return Shown(runs=Runs.PLANNED, labels=tuple(f"{found.method} {found.task}{route}" for route in routes))
 
 
-@SHOWN.register(TRANSFER_EVAL)
+@SCENES.register(TRANSFER_EVAL)
 def _transferred(store: Store, artifact: Artifact, library: Library) -> Shown:
     found, domain = TRANSFER_EVAL.results_of(artifact), artifact.arrays["episodes/domain"]
     names = [each.name for each in found.domains]

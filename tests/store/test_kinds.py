@@ -23,7 +23,7 @@ from skillcli.kinds.spec import Field
 from skillcli.store import STAGES, Artifact, ArtifactId, Draft, Store
 from skillcli.store.results import complaints
 from skillcli.viz.figures import FIGURES, draw
-from skillcli.viz.loading import SHOWN, Shown, scene_of
+from skillcli.viz.loading import SCENES, Shown, scene_of
 from skillcli.viz.recording.opening import LAYOUTS
 from skillcli.viz.scene import Runs
 
@@ -34,7 +34,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "artifacts.md"
 @pytest.fixture
 def shown(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, Any]]:
     """What the page adds, known while a test runs."""
-    for registry in (TABLES, SHOWN, FIGURES, LAYOUTS):
+    for registry in (TABLES, SCENES, FIGURES, LAYOUTS):
         monkeypatch.setattr(registry, "_known", dict(registry._known))
     text = PAGE.read_text(encoding="utf-8").split("## Add a kind of artifact")[1].split("\n## ")[0]
     space: dict[str, Any] = {}
@@ -62,7 +62,7 @@ def test_a_kind_of_ones_own_is_written_read_and_verified(worn: tuple[Store, Arti
     assert again.content_sha256 == artifact.content_sha256 and again.arrays["wear/travel"].shape == (1, 7)
     travel = kind_spec("wear").results_of(again).travel_rad
     assert travel == tuple(again.arrays["wear/travel"].sum(axis=0)) and len(travel) == 7
-    assert store.verify(artifact.id, check_meaning) == [] and store.migrate is not None
+    assert store.verify(artifact.id, check_meaning) == []
     assert [header.kind for header in store.headers()] == ["pretrain", "embed-means", "compose", "wear"]
     with pytest.raises(StoreError, match="made from it"):
         store.remove(ArtifactId("tiny", "compose", 1))
@@ -76,7 +76,7 @@ def test_it_has_the_commands_that_every_kind_has(worn: tuple[Store, Artifact]) -
     assert made("--store", store.root, "verify", "tiny/wear")["ok"]
     assert not store.strangers()
     told = skill("--store", store.root, "viz", "tiny/wear")
-    assert told.code == 1 and "there is no picture of wear" in told.err
+    assert told.code == 1 and "there is no figure or recording of wear" in told.err
     assert "pretrain, embed-means, compose, transfer-eval" in told.err
 
 
@@ -116,7 +116,7 @@ def test_a_kind_that_records_episodes_can_have_a_figure(
         results=shown["WearResults"](travel_rad=(1.0,)).json(), parents=[source.id], model_sha256=source.model_sha256,
     )  # fmt: skip
     artifact = store.write(draft)
-    SHOWN.register(ran)(lambda *_: Shown(runs=Runs.PLANNED, labels=("worn",)))
+    SCENES.register(ran)(lambda *_: Shown(runs=Runs.PLANNED, labels=("worn",)))
     scene = scene_of(store, artifact.id)
     assert scene.kind == "wear" and scene.episode_labels == ("worn",) and len(scene.waypoints)
     with pytest.raises(StoreError, match="there is no figure of wear"):
@@ -138,7 +138,7 @@ def test_without_its_spec_it_is_no_artifact(worn: tuple[Store, Artifact], monkey
 
 
 def test_every_kind_has_a_table_a_figure_and_a_recording() -> None:
-    for registry in (TABLES, SHOWN, FIGURES, LAYOUTS):
+    for registry in (TABLES, SCENES, FIGURES, LAYOUTS):
         assert all(kind in registry for kind in STAGES)
 
 
