@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -53,5 +54,5 @@ def add_table(spec: mujoco.MjSpec) -> None:
 
 
 def fingerprint(spec: mujoco.MjSpec) -> str:
-    """SHA-256 of the model as MJCF text."""
-    return hashlib.sha256(spec.to_xml().encode()).hexdigest()
+    """SHA-256 of the model as MJCF text, without its comments."""
+    return hashlib.sha256(re.sub("<!--.*?-->", "", spec.to_xml(), flags=re.DOTALL).encode()).hexdigest()
