@@ -42,7 +42,7 @@ PARAMETERS: dict[str, Parameter] = {
     "link_mass": Parameter(
         PER_JOINT,
         "factor",
-        "mass and inertia of each joint's link; the controller still knows the true weight",
+        "mass and inertia of the link behind each joint; the controller still knows the true weight",
         0.01,
         100,
     ),
