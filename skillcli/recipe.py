@@ -14,11 +14,12 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError, create_model, field_validator, model_validator
 
-from skillcli.composition.settings import Ddpg, Interpolate, Mpc, Ppo, Search, Sequence
+from skillcli.composition.method import MethodSettings
+from skillcli.composition.registry import all_specs
 from skillcli.config.base import Section, optional_value, value
 from skillcli.config.explain import complaint, shown
 from skillcli.config.randomization import RANGE_KEYS, Randomisation
@@ -59,12 +60,11 @@ class Transfer(Section):
     replan_seconds: float = value(10.0, "a replanned episode may last this long, for each waypoint", "s", gt=0, le=600)
 
 
-MAX_GRID = 1024  # latents on the grid of a search
 DEEPEST = 8  # names in a key of --set; no recipe has so many
 
 
-class Recipe(Section):
-    """A whole experiment, from training to transfer."""
+class _SkillsRecipe(Section):
+    """What the skills of an experiment come of."""
 
     name: str = value(..., "the recipe's name", "")
     description: str = value("", "what this recipe is for, in one line", "")
@@ -75,14 +75,6 @@ class Recipe(Section):
     training: Training = Training()
     randomisation: Randomisation = Randomisation()
     evaluation: Evaluation = Evaluation()
-    search: Search = Search()
-    interpolate: Interpolate = Interpolate()
-    sequence: Sequence = Sequence()
-    ddpg: Ddpg = Ddpg()
-    ppo: Ppo = Ppo()
-    mpc: Mpc = Mpc()
-    compose: Compose = Compose()
-    transfer: Transfer = Transfer()
 
     @field_validator("name")
     @classmethod
@@ -91,14 +83,34 @@ class Recipe(Section):
             raise ValueError("expected 1 to 64 lower-case letters, digits and dashes, no dash in front")
         return name
 
+
+if TYPE_CHECKING:
+    _PlannedRecipe = _SkillsRecipe
+else:  # a section for each method that there is
+    _PlannedRecipe = create_model(
+        "_PlannedRecipe",
+        __base__=_SkillsRecipe,
+        __module__=__name__,
+        **{name: (spec.settings, spec.settings()) for name, spec in all_specs().items()},
+    )
+
+
+class Recipe(_PlannedRecipe):
+    """A whole experiment, from training to transfer."""
+
+    compose: Compose = Compose()
+    transfer: Transfer = Transfer()
+
     @model_validator(mode="after")
-    def _grid_of_bounded_size(self) -> Recipe:
-        if self.search.grid**self.embedding.size > MAX_GRID:
-            raise ValueError(
-                f"search.grid of {self.search.grid} gives {self.search.grid**self.embedding.size} latents in"
-                f" {self.embedding.size} dimensions, at most {MAX_GRID} can be offered"
-            )
+    def _latents_fit_the_methods(self) -> Recipe:
+        for name in all_specs():
+            self.settings_of(name).check_latents(self.embedding.size)
         return self
+
+    def settings_of(self, method: str) -> MethodSettings:
+        """The section of a method."""
+        settings: MethodSettings = getattr(self, method)
+        return settings
 
     def fingerprint(self, sections: Iterable[str] = ()) -> str:
         """SHA-256 over the resolved values, of the named sections only where some are named."""

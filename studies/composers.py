@@ -13,8 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from skillcli import metrics
+from skillcli.composition.method import PlanResult
+from skillcli.composition.registry import method_spec
 from skillcli.evaluation.library import Library, open_library
-from skillcli.evaluation.planning import METHODS, Leg, Planned
+from skillcli.evaluation.planning import problem_of
 from skillcli.evaluation.sampled_robots import Robots
 from skillcli.recipe import resolve
 from skillcli.seeding import generator
@@ -37,9 +39,9 @@ def unseen_goals(library: Library, count: int) -> Array:
     return np.array([place_goal(task, goal) for goal in drawn])
 
 
-def plan(library: Library, method: str, goal: Array, settings: list[str], seed: int) -> Planned:
+def plan(library: Library, method: str, goal: Array, settings: list[str], seed: int) -> PlanResult:
     recipe = resolve(library.source.recipe, settings)
-    return METHODS[method](Leg(library, recipe, goal[None], (), seed, lambda _: None, Robots()))
+    return method_spec(method).plan(problem_of(library, recipe, method, goal[None], Robots(), seed=seed))
 
 
 def methods(library: Library, names: list[str], goals: Array, settings: list[str]) -> Iterator[str]:

@@ -22,13 +22,14 @@ import numpy as np
 
 from skillcli import metrics
 from skillcli.composition.plan import schedule
-from skillcli.evaluation.library import open_library
-from skillcli.evaluation.planning import Leg, by_search
+from skillcli.composition.registry import method_spec
+from skillcli.evaluation.library import Library, open_library
+from skillcli.evaluation.planning import problem_of
 from skillcli.evaluation.replanning import Replanner
 from skillcli.evaluation.sampled_robots import Robots
 from skillcli.evaluation.script import Script
 from skillcli.evaluation.trial import Target, Trial
-from skillcli.recipe import resolve
+from skillcli.recipe import Recipe, resolve
 from skillcli.robots.robot import load_target
 from skillcli.simulation.domains import find_domain
 from skillcli.store import Store
@@ -50,30 +51,32 @@ class Setting:
     seed: int
 
 
-def leg_to(setting: Setting, goal: str) -> Leg:
-    """The way to a goal, as it is typed."""
+def opened(setting: Setting, goal: str) -> tuple[Library, Recipe, Array]:
+    """The library, how to plan with it, and where a goal is, (1, 3) m, from how it is typed."""
     store = Store(Path(setting.store))
     library = open_library(store, store.read(store.resolve(setting.source)))
     recipe = resolve(library.source.recipe, ["transfer.replan=true"])
     place = np.array([place_goal(recipe.task, [float(x) for x in goal.split(",")])])
-    return Leg(library, recipe, place, (), 0, lambda _: None, Robots.of(recipe.compose, "", 0, library.world.joints))
+    return library, recipe, place
 
 
 def plan(setting: Setting, goal: str) -> tuple[Array, Array]:
     """Latents (T, d) and skills (T,) of the composed plan."""
-    return schedule(by_search(leg_to(setting, goal)).segments)
+    library, recipe, place = opened(setting, goal)
+    problem = problem_of(library, recipe, "search", place, Robots.of(recipe.compose, "", 0, library.world.joints))
+    return schedule(method_spec("search").plan(problem).segments)
 
 
 def play(setting: Setting, robot: str, goal: str, planned: tuple[Array, Array]) -> tuple[Trajectories, Trajectories, float]:
     """Both ways on the same robots: sent blindly, replanned; and seconds per plan."""
-    leg, (latent, skill) = leg_to(setting, goal), planned
-    script = Script(latent[None], skill[None], np.array([len(skill)]), (leg.waypoints,)).in_turn(setting.episodes)
-    target = Target.drawn(find_domain(setting.domain), setting.episodes, setting.seed, leg.library.world.joints)
-    world = leg.library.world
+    (library, recipe, place), (latent, skill) = opened(setting, goal), planned
+    script = Script(latent[None], skill[None], np.array([len(skill)]), (place,)).in_turn(setting.episodes)
+    target = Target.drawn(find_domain(setting.domain), setting.episodes, setting.seed, library.world.joints)
+    world = library.world
     stands = world.on(load_target(Path(robot), world.robot)) if robot else world
-    replanner = Replanner(leg, "search")
-    blind = Trial(leg.library, setting.seed, stands).run(script, target)
-    return blind, Trial(leg.library, setting.seed, stands, replanner).run(script, target), replanner.effort.mean or 0.0
+    replanner = Replanner(library, recipe, "search")
+    blind = Trial(library, setting.seed, stands).run(script, target)
+    return blind, Trial(library, setting.seed, stands, replanner).run(script, target), replanner.effort.mean or 0.0
 
 
 def mcnemar(only_a: int, only_b: int) -> float:

@@ -118,14 +118,14 @@ def tasks(context: typer.Context) -> None:
     """List the tasks and their named compositions."""
     from rich.table import Table
 
+    from skillcli.composition.interpolation import SETS
     from skillcli.tasks.registry import find_task, task_names
-    from skillcli.tasks.world import INTERPOLATED_SETS
 
     session: Session = context.obj
     table = Table("task", "what it is", "compositions", "interpolations")
     listed = []
     for spec in map(find_task, task_names()):
-        between = [*spec.chains, *INTERPOLATED_SETS]
+        between = [*spec.chains, *SETS]
         table.add_row(spec.name, spec.description, ", ".join(spec.compositions), ", ".join(between))
         listed.append({
             "name": spec.name,

@@ -12,8 +12,9 @@ import typer
 
 from skillcli.cli import complete, typed
 from skillcli.cli import progress_view as watching
-from skillcli.cli.methods import ABOUT, MORE, ON_TARGET, ByMethod, option, settings
+from skillcli.cli.methods import OWN, ByMethod, option
 from skillcli.cli.session import Session
+from skillcli.composition.registry import DEFAULT, METHODS, method_spec
 from skillcli.errors import Interrupted, UsageError
 
 if TYPE_CHECKING:
@@ -97,13 +98,13 @@ def embed_means(
 
     with _whole(EMBED_MEANS.name):
         artifact = stage(session.store, found, session.command, checked(name))
-    _done(session, artifact, f"skill compose {artifact.id} --method search")
+    _done(session, artifact, f"skill compose {artifact.id} --method {DEFAULT}")
 
 
 def compose(
     context: typer.Context,
     source: Annotated[str | None, typer.Argument(metavar="[ID]", help=MADE_FROM, autocompletion=complete.ids)] = None,
-    method: Annotated[str, typer.Option("--method", help=f"How: {', '.join(ABOUT)}.", metavar="NAME")] = "search",
+    method: Annotated[str, typer.Option("--method", help=f"How: {', '.join(METHODS)}.", metavar="NAME")] = DEFAULT,
     task: Annotated[str, typer.Option("--task", help="A named composition, see `skill tasks`.", metavar="NAME")] = "",
     goal: Annotated[
         list[str] | None,
@@ -113,19 +114,7 @@ def compose(
     ] = None,
     name: Name = None,
     overrides: Set = None,
-    heuristic: Annotated[str | None, option("What is thought to be left: none, distance, approach.", metavar="NAME")] = None,
-    weight: Annotated[
-        float | None, option("Of the heuristic: 0 uniform cost, 1 A*, 1000 greedy best-first.", metavar="W")
-    ] = None,
-    skills: Annotated[str | None, option("Skills to go through, such as 3,4,8,7.", metavar="A,B,…")] = None,
-    hold: Annotated[float | None, option("How long each skill is held, 1 s by default.", metavar="SECONDS")] = None,
-    blend: Annotated[float | None, option("How long each blend takes, 1 s by default.", metavar="SECONDS")] = None,
-    plan: Annotated[str | None, option("Such as 3,4,8,7 or 3:1.0,3~4:1.0,3~4@0.25:0.5, or a file.", metavar="PLAN")] = None,
-    seconds: Annotated[float | None, option("Of an entry without a duration, 1 s by default.", metavar="SECONDS")] = None,
     seed: Annotated[int, option("Seed of everything random, 0 by default.", min=0, max=2**63 - 1)] = 0,
-    iterations: Annotated[int | None, option("Rounds of episodes at most.", metavar="N")] = None,
-    latents: Annotated[str | None, option("What may be chosen: continuous, means, interpolated.", metavar="NAME")] = None,
-    lookahead: Annotated[int | None, option("Segments that are looked ahead.", metavar="N")] = None,
     ensemble: Annotated[
         int | None, option("Robots that every latent is tried on at once; a plan has to hold on all.", min=0, metavar="N")
     ] = None,
@@ -134,12 +123,8 @@ def compose(
     """Compose frozen skills in the latent space into a task never trained (stage 2)."""
     session: Session = context.obj
     goals = [_numbers(text) for text in goal or ()]
-    given = {
-        "heuristic": heuristic, "weight": weight, "skills": skills, "hold": hold, "blend": blend, "plan": plan,
-        "seconds": seconds, "seed": seed, "iterations": iterations, "latents": latents, "lookahead": lookahead,
-        "ensemble": ensemble, "on": on,
-    }  # fmt: skip
-    chosen = settings(method, given)
+    spec = method_spec(method)
+    chosen = spec.overrides(context.meta[OWN]) + ([] if ensemble is None else [f"compose.ensemble={ensemble}"])
     if on and ensemble:
         raise UsageError("--on plans on one target, --ensemble on several robots", "leave one of them out")
     from skillcli.kinds import COMPOSE
@@ -150,15 +135,13 @@ def compose(
     from skillcli.stages.compose import Request
     from skillcli.stages.compose import compose as stage
 
-    recipe = stored_recipe(
-        session.store.read(found), [*(ON_TARGET if on and method == "search" else ()), *(overrides or ()), *chosen]
-    )
+    recipe = stored_recipe(session.store.read(found), [*(spec.overrides_on_target if on else ()), *(overrides or ()), *chosen])
     request = Request.of(recipe, task, goals, method)
     with _whole(COMPOSE.name), session.progress() as report:
         artifact = stage(session.store, found, recipe, request, method, session.command, checked(name), report, seed, on)
     planned = COMPOSE.results_of(artifact)
     if not planned.waypoints_met:
-        session.say(f"the plan does not meet every waypoint: {MORE[method]}", "yellow")
+        session.say(f"the plan does not meet every waypoint: {spec.hint}", "yellow")
     for broken in planned.broken:
         session.say(f"the plan breaks a safety limit, so it is no success: {where(broken)}", "yellow")
     if planned.broken:

@@ -7,18 +7,46 @@ last waypoint is met or a simulation fails (termination), or when time is up (tr
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
+from pydantic import model_validator
 
 from skillcli.composition.latent_environment import Outcome
+from skillcli.composition.method import MethodSettings, PlanningProblem, PlanResult
 from skillcli.composition.plan import Segment
 from skillcli.composition.planner import Proposal
 from skillcli.composition.route import Route
-from skillcli.composition.settings import Episodes as Settings
+from skillcli.config.base import value
+from skillcli.errors import SkillError
 from skillcli.trajectories import Array
 
 FAILED = 5.0  # metres to go that a failure counts as
+
+
+class EpisodeSettings(MethodSettings):
+    """The decision problem that a learned composer solves: from the start, a latent every segment."""
+
+    segment: float = value(0.25, "how long one latent is held", "s", gt=0, le=60)
+    seconds: float = value(2.0, "length of an episode, for each waypoint of the route", "s", gt=0, le=600)
+    simulations: int = value(32, "episodes side by side; the first one is played without exploration", "", ge=2, le=4096)
+    iterations: int = value(100, "rounds of episodes, each followed by learning", "", ge=1, le=100_000)
+    goal_tolerance: float = value(0.02, "an episode, and the plan, ends within this of the last waypoint", "m", gt=0)
+    good_enough: float = value(
+        0.02, "learning ends once the composer without exploration ends this close to the last waypoint; 0 never", "m", ge=0
+    )
+    reward_scale: float = value(5.0, "factor on the reward, minus the metres left to go", "1/m", gt=0)
+    discount: float = value(0.9, "gamma", "1/segment", ge=0, lt=1)
+    hidden: tuple[int, ...] = value((64, 64), "hidden layers of every network", "units", min_length=1, max_length=16)
+
+    @model_validator(mode="after")
+    def _whole(self) -> EpisodeSettings:
+        if self.segment > self.seconds:
+            raise ValueError("a segment cannot last longer than an episode")
+        if any(not 1 <= n <= 4096 for n in self.hidden):
+            raise ValueError("every hidden layer needs between 1 and 4096 units")
+        return self
 
 
 class Composer(Protocol):
@@ -58,7 +86,7 @@ class Episodes:
 
     def __init__(
         self, row: Array, points: Array, observation: Array, route: Route, composer: Composer, num: int, steps: int,
-        segments: int, settings: Settings,
+        segments: int, settings: EpisodeSettings,
     ) -> None:  # fmt: skip
         self._route, self._composer, self._settings = route, composer, settings
         self._steps, self._segments = steps, segments
@@ -158,3 +186,24 @@ class Episodes:
 def features_of(route: Route, due: Array, points: Array, observation: Array) -> Array:
     """What a composer sees: (n,), (n, L, 3) and (n, o) to (n, o + 3 L)."""
     return np.concatenate([observation, route.gap(due, points).reshape(len(points), -1)], axis=1)
+
+
+def learn_to_plan(problem: PlanningProblem, make_composer: Callable[[int], Composer]) -> PlanResult:
+    """Let a composer learn on one route; it is made for so many features."""
+    settings = problem.settings_as(EpisodeSettings)
+    steps, world = problem.steps(settings.segment), problem.make_world(settings.simulations)
+    row, points = world.start()
+    points, observation = points[0], world.observe(row)[0]
+    planner = Episodes(
+        row, points, observation, problem.route,
+        make_composer(observation.size + points.size),
+        num=settings.simulations,
+        steps=steps,
+        segments=problem.segments(settings.seconds, steps),
+        settings=settings,
+    )  # fmt: skip
+    problem.run(planner, world, "iterations")
+    if not planner.plan():
+        raise SkillError("every episode failed that the composer played without exploring", "try another --seed")
+    curves = {name: np.array(values) for name, values in planner.curves.items()}
+    return PlanResult(planner.plan(), world.held, world.control_steps * problem.period, weights=planner.weights, curves=curves)

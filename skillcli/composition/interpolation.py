@@ -9,8 +9,31 @@ from typing import Any
 import numpy as np
 
 from skillcli import metrics
-from skillcli.composition.sequence import Entry
+from skillcli.composition.method import (
+    Finding,
+    MethodSettings,
+    MethodSpec,
+    Option,
+    PlanningProblem,
+    WrittenRequest,
+    WrittenRoute,
+)
+from skillcli.composition.sequence import Entry, plan, skill_index
+from skillcli.config.base import value
+from skillcli.errors import UsageError
+from skillcli.kinds.compose import CalibrationResults
 from skillcli.trajectories import Array
+
+SETS = ("pairs", "neighbours")  # named tasks of many routes, one for each pair of skills
+
+
+class InterpolateSettings(MethodSettings):
+    """Hold the mean of one skill, blend into that of the next, hold it, and so on."""
+
+    skills: str = value("", "skills to go through, such as 3,4,8,7, where no named task is given")
+    hold: float = value(1.0, "how long each mean is held", "s", gt=0, le=60)
+    blend: float = value(1.0, "how long each blend from one mean to the next takes", "s", gt=0, le=60)
+    shares: int = value(11, "latents (1-λ) z_a + λ z_b per pair of skills, λ from 0 to 1, for the calibration", ge=3, le=101)
 
 
 def chain(skills: Sequence[int], names: Sequence[str], hold: float, blend: float) -> list[Entry]:
@@ -71,3 +94,68 @@ def _summary(pairs: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "mean_off_line_m": mean("off_line_m"),
         "monotone_share": mean("monotone"),
     }
+
+
+def write(request: WrittenRequest) -> list[WrittenRoute]:
+    """Chains through skills, one route each; the goals of the skills are the waypoints."""
+    settings, task = request.settings, request.task
+    assert isinstance(settings, InterpolateSettings)
+    if request.goals:
+        raise UsageError("--method interpolate goes through skills, not to goals", "give --skills or --task, or another method")
+    if not task and not settings.skills:
+        task = next(iter(request.chains), "neighbours")
+    chains = _pairs(task, request.places) if task in SETS else [_chain(request, task or settings.skills)]
+    return [
+        WrittenRoute(tuple(chain(skills, request.names, settings.hold, settings.blend)), request.places[list(skills)])
+        for skills in chains
+    ]
+
+
+def _pairs(task: str, places: Array) -> list[tuple[int, int]]:
+    pairs = all_pairs(len(places)) if task == "pairs" else metrics.neighbours(places)
+    if not pairs:
+        raise UsageError("there is nothing to interpolate between", "it takes two skills at least")
+    return pairs
+
+
+def _chain(request: WrittenRequest, task: str) -> list[int]:
+    settings, known = request.settings, request.chains
+    assert isinstance(settings, InterpolateSettings)
+    text = known.get(task, "" if task and task != settings.skills else task)
+    if not text:
+        raise UsageError(
+            f"no interpolation {task!r} for the {request.task_name} task",
+            f"interpolations: {', '.join((*known, *SETS))}; or give --skills, such as 3,4,8,7",
+        )
+    skills = [skill_index(word, request.names) for word in text.replace(",", " ").split()]
+    if len(skills) < 2:
+        raise UsageError(f"nothing to interpolate between in {text!r}", "it takes two skills at least, such as 3,4,8,7")
+    return skills
+
+
+def calibrate(problem: PlanningProblem) -> Finding:
+    """Hold the latents between every pair of skills from the start to the end of an episode, and see where it ends."""
+    pair = np.array(all_pairs(len(problem.mean)), dtype=int).reshape(-1, 2)
+    share = np.linspace(0, 1, problem.settings_as(InterpolateSettings).shares)
+    a, b = (problem.mean[pair[:, side]][:, None] for side in (0, 1))  # (P, 1, d)
+    latent = ((1 - share[:, None]) * a + share[:, None] * b).reshape(-1, problem.mean.shape[1])
+    end = problem.hold_to_end(latent, problem.goals[np.repeat(pair[:, 1], len(share))])
+    calibration = Calibration(pair, share, end.reshape(len(pair), len(share), 3), problem.goals)
+    spent = len(latent) * problem.horizon * problem.period
+    results = CalibrationResults.read(calibration.report(problem.names))
+    return Finding(calibration.arrays(), {"calibration": results}, spent)
+
+
+METHOD = MethodSpec(
+    name="interpolate",
+    settings=InterpolateSettings,
+    plan=plan,
+    hint="hold longer with --hold and --blend",
+    options=(
+        Option("skills", "Skills to go through, such as 3,4,8,7.", "A,B,…"),
+        Option("hold", "How long each skill is held, 1 s by default.", "SECONDS", float),
+        Option("blend", "How long each blend takes, 1 s by default.", "SECONDS", float),
+    ),
+    write=write,
+    examine=calibrate,
+)

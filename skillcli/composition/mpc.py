@@ -7,16 +7,37 @@ latent of the best is taken, its outcome is known already, and planning goes on 
 from __future__ import annotations
 
 import numpy as np
+from pydantic import model_validator
 
 from skillcli.composition.latent_environment import Outcome
+from skillcli.composition.method import MethodSettings, MethodSpec, Option, PlanningProblem, PlanResult
 from skillcli.composition.plan import Segment
 from skillcli.composition.planner import Proposal
 from skillcli.composition.route import Route, Walk, cautious
-from skillcli.composition.settings import Mpc
+from skillcli.config.base import value
+from skillcli.seeding import generator
 from skillcli.trajectories import Array
 
-MIN_SPREAD = 0.05  # of the box's half edges: the search never narrows to a point
+MIN_SPREAD = 0.05  # of half the range of latents: the search never narrows to a point
 FAILED = 1e3  # m, cost of a simulation that failed
+
+
+class MpcSettings(MethodSettings):
+    """Model predictive control in the latent space: the cross-entropy method, anew for every segment."""
+
+    segment: float = value(0.25, "how long one latent is held, and after which there is replanning", "s", gt=0, le=60)
+    lookahead: int = value(2, "segments that are looked ahead", "segments", ge=1, le=100)
+    samples: int = value(48, "sequences of latents tried at once", "", ge=2, le=4096)
+    elites: int = value(8, "of these, the best ones that the next are drawn around", "", ge=1)
+    rounds: int = value(2, "times that sequences are drawn before each segment", "", ge=1, le=100)
+    seconds: float = value(5.0, "longest plan, for each waypoint of the route", "s", gt=0, le=600)
+    goal_tolerance: float = value(0.02, "the plan ends within this of the last waypoint", "m", gt=0)
+
+    @model_validator(mode="after")
+    def _fewer_elites(self) -> MpcSettings:
+        if self.elites >= self.samples:
+            raise ValueError("elites must be fewer than samples")
+        return self
 
 
 class Trial:
@@ -51,7 +72,7 @@ class ModelPredictiveControl:
         points: (M, L, 3) m, the landmarks there, on M robots.
         route: where to go.
         means: (K, d) of the skills; holding each is among the first sequences tried before every segment.
-        box: (2, d) lowest and highest latent.
+        bounds: (2, d) lowest and highest latent.
         settings: the recipe's.
         steps: control steps of one segment.
         longest: segments that a plan may have.
@@ -59,14 +80,14 @@ class ModelPredictiveControl:
     """
 
     def __init__(
-        self, row: Array, points: Array, route: Route, means: Array, box: Array, settings: Mpc, steps: int, longest: int,
-        rng: np.random.Generator,
+        self, row: Array, points: Array, route: Route, means: Array, bounds: Array, settings: MpcSettings, steps: int,
+        longest: int, rng: np.random.Generator,
     ) -> None:  # fmt: skip
         self._row, self._points, self._due = row, points, np.zeros(len(points), dtype=int)
         self._route, self._means, self._settings = route, means, settings
-        self._box, self._steps, self._longest, self._rng = box, steps, longest, rng
-        self._half = (box[1] - box[0]) / 2
-        self._mean = np.tile(box.mean(axis=0), (settings.lookahead, 1))  # (H, d)
+        self._bounds, self._steps, self._longest, self._rng = bounds, steps, longest, rng
+        self._half = (bounds[1] - bounds[0]) / 2
+        self._mean = np.tile(bounds.mean(axis=0), (settings.lookahead, 1))  # (H, d)
         self._spread = np.tile(self._half, (settings.lookahead, 1))
         self._segments: list[Segment] = []
         self._arrived = len(route.waypoints) == 1 and float(cautious(route.final_gap(points))) <= settings.goal_tolerance
@@ -113,7 +134,7 @@ class ModelPredictiveControl:
         """New sequences around the mean, from the present state; the first ones are not left to chance."""
         settings = self._settings
         noise = self._rng.standard_normal((settings.samples, settings.lookahead, len(self._half)))
-        drawn = np.clip(self._mean + self._spread * noise, *self._box)
+        drawn = np.clip(self._mean + self._spread * noise, *self._bounds)
         held = np.repeat(self._means[:, None], settings.lookahead, axis=1) if best is None else best[None]
         known = np.concatenate([self._mean[None], held])[: settings.samples]
         drawn[: len(known)] = known
@@ -145,3 +166,38 @@ class ModelPredictiveControl:
         self._mean = np.concatenate([sequence[1:], sequence[-1:]])
         self._spread = np.tile(self._half, (self._settings.lookahead, 1))
         self._round = 0
+
+
+def mpc_from(
+    problem: PlanningProblem, row: Array, points: Array, waypoints: Array, longest: int, rng: np.random.Generator
+) -> ModelPredictiveControl:
+    """Model predictive control from a state (S,) with landmarks (M, L, 3) m to waypoints, for some segments at most."""
+    settings = problem.settings_as(MpcSettings)
+    route, steps = problem.towards(waypoints), problem.steps(settings.segment)
+    return ModelPredictiveControl(row, points, route, problem.mean, problem.bounds, settings, steps, longest, rng)
+
+
+def plan(problem: PlanningProblem) -> PlanResult:
+    """Segment by segment, until the last waypoint is met or time is up."""
+    settings = problem.settings_as(MpcSettings)
+    world, longest = problem.make_world(settings.samples), problem.segments(settings.seconds, problem.steps(settings.segment))
+    planner = mpc_from(problem, *world.start(), problem.waypoints, longest, generator(problem.seed, "mpc"))
+    problem.run(planner, world, "segments")
+    segments = planner.plan() or [Segment(problem.mean[0], 0, problem.names[0], 1)]  # already there
+    # every sequence of a segment, in every round, begins where the plan stood then
+    before = np.cumsum([0, *(segment.steps for segment in segments[:-1])]).sum() * settings.samples * settings.rounds
+    spent, replayed = world.control_steps * problem.period, float(before) * problem.robots * problem.period
+    return PlanResult(segments, world.held, spent, replayed)
+
+
+METHOD = MethodSpec(
+    name="mpc",
+    settings=MpcSettings,
+    plan=plan,
+    hint="look further ahead with --lookahead, or try --set mpc.samples=200",
+    options=(Option("lookahead", "Segments that are looked ahead.", "N", int),),
+    draws=True,
+    ensemble=True,
+    on_target=True,
+    replans=True,
+)

@@ -1,220 +1,64 @@
-"""Uniform cost search over latents (Dijkstra 1959; with a heuristic, A*: Hart, Nilsson and Raphael 1968).
-
-A node is a simulator state reached by holding latents one after the other; its cost is the time that took. `ask` proposes
-(node, latent, duration) expansions, the cheapest nodes first, several at once; `tell` takes what they led to. The search
-never sees a simulator: states are opaque rows.
-"""
+"""Search: goals in order, over a set of latents, by uniform cost and its informed relatives (see `uniform_cost`)."""
 
 from __future__ import annotations
 
-import heapq
-import itertools
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
+from pydantic import model_validator
 
 from skillcli.composition.latent_environment import Outcome
-from skillcli.composition.plan import Choices, Segment
+from skillcli.composition.method import MethodSettings, MethodSpec, Option, PlanningProblem, PlanResult
+from skillcli.composition.plan import Choices, Segment, latent_grid
 from skillcli.composition.planner import Proposal
-from skillcli.composition.route import Route, cautious
+from skillcli.composition.uniform_cost import Node, SearchSetup, UniformCostSearch
+from skillcli.config.base import value
+from skillcli.errors import UsageError
 from skillcli.trajectories import Array
 
-
-@dataclass(frozen=True, eq=False)
-class Node:
-    """A state that some sequence of latents leads to."""
-
-    parent: Node | None
-    choice: int  # index into the choices, -1 at the root
-    steps: int  # control steps that the last latent was held
-    cost: float  # control steps from the start
-    due: Array  # (M,) index of the waypoint that has to be met next, on each robot
-    points: Array  # (M, L, 3) m, the landmarks, the judged point first
-    row: Array  # (S,) the simulator's state
-    speed: float  # m/s of the judged point at the end
+MAX_GRID = 1024  # latents on the grid of a search
 
 
-@dataclass(frozen=True)
-class Settings:
-    """How to search; lengths in m, durations in control steps."""
+class SearchSettings(MethodSettings):
+    """Uniform cost search over latents."""
 
-    durations: tuple[int, ...]
-    tolerance: float  # a waypoint is met within this
-    resolution: float  # states closer than this, with the same waypoint due, count as one
-    step_seconds: float
-    weight: float  # of the heuristic: 0 uniform cost, 1 A*, above 1 bounded suboptimal (Pohl 1970)
-    max_speed: float  # m/s of the judged point, for the heuristic, 0 for none
-    approach_speed: float  # m/s of the gripper on its way behind the box, 0 where there is none
-    half_edges: tuple[float, float]  # m, half of the edges of the box along x and y, 0 where there is none
-    final_speed: float  # m/s, the last waypoint counts as met only at or below this
-    budget: int  # expanded nodes
+    segments: tuple[float, ...] = value((0.25,), "how long one latent may be held", "s", min_length=1)
+    interpolated: bool = value(False, "offer the half-way latents of all pairs of skills beside the means")
+    grid: int = value(
+        0,
+        "offer a grid of this many latents per dimension, over the box of the means +- 2 std, beside the means",
+        "",
+        ge=0,
+        le=32,
+    )
+    resolution: float = value(0.02, "two states closer than this count as one", "m", ge=1e-4, le=10)
+    goal_tolerance: float = value(0.02, "a waypoint counts as met within this; the task's tolerance is the judge", "m", gt=0)
+    max_speed: float = value(
+        2.0, "no faster motion of the judged point is thought possible; gives the heuristic, 0 for none", "m/s", ge=0
+    )
+    approach_speed: float = value(
+        0.0, "speed of the gripper on its way behind the box, for the heuristic of push; 0 leaves that out", "m/s", ge=0
+    )
+    weight: float = value(
+        1.0, "weight of the heuristic: 0 uniform cost, 1 A*, above 1 faster to find, up to that much longer", "", ge=0
+    )
+    final_speed: float = value(0.0, "the last goal counts as met only at or below this speed; 0 for any", "m/s", ge=0)
+    batch: int = value(32, "nodes that are expanded at once", "nodes", ge=1, le=4096)
+    budget: int = value(5_000, "expanded nodes after which the best plan so far is taken", "nodes", ge=1)
 
+    @model_validator(mode="after")
+    def _positive(self) -> SearchSettings:
+        if any(not 0 < s <= 60 for s in self.segments):
+            raise ValueError("every segment must last between 0 and 60 seconds")
+        return self
 
-class UniformCostSearch:
-    """The cheapest node first: time so far, plus the weighted time still needed at the top speed where one is given.
-
-    Args:
-        root: the start state.
-        points: (M, L, 3) m, the landmarks there on M robots: the judged point, and the gripper where that is a box.
-        waypoints: (W, 3) m, to be met in order, each at any step; the plan ends where the last one is met.
-        choices: latents.
-        settings: see `Settings`.
-        barred: choices that lead nowhere from the start.
-    """
-
-    def __init__(
-        self, root: Array, points: Array, waypoints: Array, choices: Choices, settings: Settings, barred: Collection[int] = ()
-    ) -> None:
-        self._barred = barred
-        self.waypoints, self.choices, self.settings = waypoints, choices, settings
-        self._route = Route(waypoints, settings.tolerance, settings.half_edges)
-        start = Node(None, -1, 0, 0.0, np.zeros(len(points), dtype=int), points, root, 0.0)
-        self._order = itertools.count()
-        self._open: list[tuple[float, int, Node]] = [(self._priority(start), next(self._order), start)]
-        self._cheapest: dict[tuple[int, ...], float] = {self._cell(start): start.cost}
-        self.best, self.goal = start, None if len(waypoints) else start
-        self.expanded = 0
-
-    @property
-    def finished(self) -> bool:
-        """Whether the cheapest plan is found, the budget is spent, or nothing is left to expand."""
-        while self._open and self._stale(self._open[0][2]):
-            heapq.heappop(self._open)
-        if not self._open or self.expanded >= self.settings.budget:
-            return True
-        return self.goal is not None and self.goal.cost <= self._open[0][0]
-
-    @property
-    def standing(self) -> str:
-        """How far the best plan so far comes."""
-        count = len(self.waypoints)
-        if self.goal is not None:
-            return f"a plan meets {'the waypoint' if count == 1 else f'all {count} waypoints'}"
-        left = float(self._route.way(self.best.due, self.best.points).max())
-        met = f"{int(self.best.due.min())} of {count} waypoints met, " if count > 1 else ""
-        return f"{met}{left:.3f} m to go"
-
-    def ask(self, count: int) -> list[Node]:
-        """The next nodes to expand, at most `count`; each is to be continued with every choice and duration."""
-        left = min(count, self.settings.budget - self.expanded)
-        nodes: list[Node] = []
-        while self._open and len(nodes) < left:
-            node = heapq.heappop(self._open)[2]
-            if not self._stale(node):
-                nodes.append(node)
-        self.expanded += len(nodes)
-        return nodes
-
-    def tell(self, nodes: Sequence[Node], choice: Array, outcome: Outcome, steps: int) -> list[Node]:
-        """Take what holding a choice (n,) from each of n nodes for some steps led to; returns the children kept."""
-        children = []
-        judged = outcome.path[:, :, :, 0]
-        speed = np.linalg.norm(np.diff(judged, axis=2), axis=3).mean(axis=1) / self.settings.step_seconds  # (n, steps)
-        dues, met = self._progress(np.array([node.due for node in nodes]), judged, speed)
-        for i, node in enumerate(nodes):
-            if outcome.failed[i].any() or (node.parent is None and int(choice[i]) in self._barred):
-                continue
-            held = int(met[i]) or steps  # a plan ends the moment its last goal is met
-            points = outcome.path[i, :, held]
-            child = Node(
-                node, int(choice[i]), held, node.cost + held, dues[i], points, outcome.rows[i], float(speed[i, held - 1])
+    def check_latents(self, size: int) -> None:
+        """Refuse a grid of too many latents."""
+        if self.grid**size > MAX_GRID:
+            raise ValueError(
+                f"search.grid of {self.grid} gives {self.grid**size} latents in {size} dimensions,"
+                f" at most {MAX_GRID} can be offered"
             )
-            cell = self._cell(child)
-            if child.cost >= self._cheapest.get(cell, float("inf")):
-                continue
-            self._cheapest[cell] = child.cost
-            children.append(child)
-            self._keep(child)
-        return children
-
-    def plan(self, node: Node) -> list[Segment]:
-        """The segments that lead to a node; the same latent twice in a row becomes one segment."""
-        segments: list[Segment] = []
-        held = -1  # choice of the segment that comes next
-        while node.parent is not None:
-            if node.choice == held:
-                segments[0] = replace(segments[0], steps=segments[0].steps + node.steps)
-            else:
-                latent, skill = self.choices.latent[node.choice], int(self.choices.skill[node.choice])
-                segments.insert(0, Segment(latent, skill, self.choices.label[node.choice], node.steps))
-            node, held = node.parent, node.choice
-        return segments
-
-    def _stale(self, node: Node) -> bool:
-        """Whether a cheaper way to the node's cell was found after the node was."""
-        return node.cost > self._cheapest[self._cell(node)]
-
-    def _keep(self, child: Node) -> None:
-        if self._met(child):
-            if self.goal is None or child.cost < self.goal.cost:
-                self.goal = self.best = child
-            return
-        heapq.heappush(self._open, (self._priority(child), next(self._order), child))
-        # whatever latent is held moves the arm: standing still at the root is no plan, however near the root is
-        if self.goal is None and (self.best.parent is None or self._merit(child) < self._merit(self.best)):
-            self.best = child
-
-    def _met(self, node: Node) -> bool:
-        """Whether every waypoint is behind a node."""
-        return bool(node.due.min() >= len(self.waypoints))
-
-    def _progress(self, due: Array, path: Array, speed: Array) -> tuple[Array, Array]:
-        """Which waypoint is due behind each path, and the step at which the last one was met, 0 where it was not.
-
-        Args:
-            due: (n, M) before.
-            path: (n, M, T+1, 3) m.
-            speed: (n, T) m/s.
-        """
-        last, tolerance = len(self.waypoints) - 1, self.settings.tolerance
-        due, met = due.copy(), np.zeros(len(path), dtype=int)
-        for t in range(1, path.shape[2]):
-            for _ in range(last):  # waypoints may lie so close that one step meets several
-                near = np.linalg.norm(path[:, :, t] - self.waypoints[np.minimum(due, last)], axis=2) <= tolerance
-                passed = (met == 0)[:, None] & near & (due < last)
-                if not passed.any():
-                    break
-                due += passed
-            gap = cautious(np.linalg.norm(path[:, :, t] - self.waypoints[last], axis=2))
-            slow = speed[:, t - 1] <= self.settings.final_speed
-            met[(met == 0) & (due == last).all(axis=1) & slow & (gap <= tolerance)] = t
-        due[met > 0] = last + 1
-        return due, met
-
-    def _remaining(self, node: Node) -> float:
-        """Length of the straight way through all waypoints that are due, m."""
-        return 0.0 if self._met(node) else self.way_left(node)
-
-    def way_left(self, node: Node) -> float:
-        """The same, where the last waypoint stays due, m."""
-        return float(cautious(self._route.way(np.minimum(node.due, len(self.waypoints) - 1), node.points)))
-
-    def _priority(self, node: Node) -> float:
-        if self._met(node):
-            return node.cost
-        seconds = 0.0
-        if self.settings.max_speed > 0:
-            # each waypoint may be met a tolerance early and left a tolerance late: less way than the straight one
-            slack = self.settings.tolerance * (2 * (len(self.waypoints) - int(node.due.min())) - 1)
-            seconds += max(0.0, self._remaining(node) - slack) / self.settings.max_speed
-        if self.settings.approach_speed > 0:
-            seconds += float(cautious(self._route.detour(node.due, node.points))) / self.settings.approach_speed
-        return node.cost + self.settings.weight * seconds / self.settings.step_seconds
-
-    def _merit(self, node: Node) -> tuple[int, float]:
-        """How far from the end a node is, for the best plan where none meets everything."""
-        return (-int(node.due.min()), self._remaining(node))
-
-    def _cell(self, node: Node) -> tuple[int, ...]:
-        """States that count as one: judged points in one cell, other landmarks in cells of twice the size.
-
-        Of several robots it is the middle one's place that counts: no two plans would ever meet on all of them.
-        """
-        points = node.points.mean(axis=0)
-        size = np.where(np.arange(len(points)) == 0, 1.0, 2.0) * self.settings.resolution
-        at = np.floor(points / size[:, None]).astype(int).ravel()
-        return (int(node.due.min()), *at.tolist(), int(node.speed > self.settings.final_speed))
 
 
 class Expansions:
@@ -282,3 +126,88 @@ class Expansions:
         self._rows, self._held = outcome.rows, self._left.pop(0)
         so_far = Outcome(self._path, self._failed, self._rows)
         self.search.tell(self._parents, self._choice, so_far, self._held)
+
+
+def choices_of(problem: PlanningProblem) -> Choices:
+    """The latents that a search tries."""
+    settings = problem.settings_as(SearchSettings)
+    grid = latent_grid(problem.bounds[0], problem.bounds[1], settings.grid) if settings.grid else None
+    return Choices.of(problem.mean, problem.names, settings.interpolated, grid)
+
+
+def search_from(
+    problem: PlanningProblem, row: Array, points: Array, waypoints: Array, choices: Choices, budget: int,
+    barred: Collection[int] = (),
+) -> UniformCostSearch:  # fmt: skip
+    """A search from a state (S,) with landmarks (M, L, 3) m to waypoints (W, 3) m."""
+    settings = problem.settings_as(SearchSettings)
+    return UniformCostSearch(
+        row,
+        points,
+        waypoints,
+        choices,
+        SearchSetup(
+            durations=tuple(sorted({problem.steps(seconds) for seconds in settings.segments})),
+            tolerance=min(settings.goal_tolerance, problem.tolerance),
+            resolution=settings.resolution,
+            step_seconds=problem.period,
+            weight=settings.weight,
+            max_speed=settings.max_speed,
+            approach_speed=settings.approach_speed if any(problem.half_edges) else 0.0,
+            half_edges=problem.half_edges,
+            final_speed=settings.final_speed or float("inf"),
+            budget=budget,
+        ),
+        barred,
+    )
+
+
+def plan(problem: PlanningProblem) -> PlanResult:
+    """The cheapest plan that the budget allows to find."""
+    settings, choices = problem.settings_as(SearchSettings), choices_of(problem)
+    world = problem.make_world(settings.batch * len(choices.latent))
+    search = search_from(problem, *world.start(), problem.waypoints, choices, settings.budget)
+    planner = Expansions(search, settings.batch)
+    problem.run(planner, world, "nodes")
+    segments = planner.plan()
+    if not segments:  # already there, or nowhere to go: hold the first skill for the shortest time
+        segments = [Segment(choices.latent[0], 0, choices.label[0], search.settings.durations[0])]
+    spent, replayed = world.control_steps * problem.period, planner.replayed * problem.robots * problem.period
+    return PlanResult(segments, search.expanded, spent, replayed)
+
+
+HEURISTICS = {
+    "none": ("search.weight=0",),
+    "distance": ("search.approach_speed=0",),
+    "approach": ("search.approach_speed=1.0",),
+}
+
+
+def heuristic_overrides(name: str) -> Sequence[str]:
+    """What a heuristic means in a recipe.
+
+    Raises:
+        UsageError: there is none of this name.
+    """
+    if name not in HEURISTICS:
+        raise UsageError(f"no heuristic {name!r}", f"heuristics: {', '.join(HEURISTICS)}")
+    return HEURISTICS[name]
+
+
+METHOD = MethodSpec(
+    name="search",
+    settings=SearchSettings,
+    plan=plan,
+    hint="try --set search.budget=50000 or search.interpolated=true",
+    options=(
+        Option("heuristic", "What is thought to be left: none, distance, approach.", "NAME", overrides=heuristic_overrides),
+        Option("weight", "Of the heuristic: 0 uniform cost, 1 A*, 1000 greedy best-first.", "W", float),
+    ),
+    ensemble=True,
+    on_target=True,
+    replans=True,
+    # Time on the target is what a plan made there costs: one node at a time, greedily, over the means, no finer than needed.
+    overrides_on_target=(
+        "search.batch=1", "search.weight=1000", "search.interpolated=false", "search.grid=0", "search.goal_tolerance=0.035",
+    ),
+)  # fmt: skip

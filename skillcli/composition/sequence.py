@@ -11,13 +11,33 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
+import numpy as np
+
+from skillcli.composition.method import (
+    MethodSettings,
+    MethodSpec,
+    Option,
+    PlanningProblem,
+    PlanResult,
+    WrittenRequest,
+    WrittenRoute,
+)
 from skillcli.composition.plan import Segment
+from skillcli.config.base import value
 from skillcli.errors import UsageError
 from skillcli.trajectories import Array
 
 LONGEST, LONGEST_PLAN = 600.0, 3600.0  # s, of one entry and of all of them
 _ENTRY = re.compile(r"(?P<a>[^~@:]+)(?:~(?P<b>[^~@:]+)(?:@(?P<share>[^~@:]+))?)?(?::(?P<seconds>[^~@:]+))?")
+
+
+class SequenceSettings(MethodSettings):
+    """A plan written by hand."""
+
+    plan: str = value("", "such as 3,4,8,7 or 3:1.0,3~4:1.0,3~4@0.25:0.5 (see --plan), or a file that holds one")
+    seconds: float = value(1.0, "how long an entry without a duration lasts", "s", gt=0, le=60)
 
 
 @dataclass(frozen=True)
@@ -118,3 +138,52 @@ def _number(text: str, word: str) -> float:
 def _row(goals: Array, index: int) -> Array:
     row: Array = goals[index]
     return row
+
+
+def plan(problem: PlanningProblem) -> PlanResult:
+    """What is written down, as it is."""
+    return PlanResult([entry.segment(problem.mean, problem.period) for entry in problem.entries])
+
+
+def write(request: WrittenRequest) -> list[WrittenRoute]:
+    """The plan that is typed, judged by task or goals where they are given, else by the goals of the skills that it holds."""
+    settings = request.settings
+    assert isinstance(settings, SequenceSettings)
+    if not settings.plan.strip():
+        raise UsageError("the plan is empty: --method sequence needs --plan", "for example --plan 3,4,8,7")
+    entries = tuple(parse(settings.plan, request.names, settings.seconds))
+    asked = request.routes() if request.task or request.goals else ()
+    if len(asked) > 1:
+        raise UsageError(f"task {request.task!r} has {len(asked)} routes, a plan by hand has one", "give --goal instead")
+    return [WrittenRoute(entries, asked[0] if asked else np.array(waypoints(entries, request.places)))]
+
+
+def plan_text(plan: str) -> str:
+    """A plan as typed, or what is in the file that is named.
+
+    Raises:
+        UsageError: it looks like a file and cannot be read.
+    """
+    path = Path(plan)
+    if not ("/" in plan or path.suffix in (".txt", ".plan") or (len(plan) < 256 and path.is_file())):
+        return plan
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is no text"
+        raise UsageError(
+            f"plan file {plan!r} cannot be read: {reason}", "a plan is text, such as 3:1.0,3~4:1.0,4:1.0"
+        ) from None
+
+
+METHOD = MethodSpec(
+    name="sequence",
+    settings=SequenceSettings,
+    plan=plan,
+    hint="give its entries more time, or let --method search find a plan",
+    options=(
+        Option("plan", "Such as 3,4,8,7 or 3:1.0,3~4:1.0,3~4@0.25:0.5, or a file.", "PLAN", read=plan_text),
+        Option("seconds", "Of an entry without a duration, 1 s by default.", "SECONDS", float),
+    ),
+    write=write,
+)

@@ -11,6 +11,7 @@ from itertools import islice
 
 import numpy as np
 
+from skillcli.composition.registry import METHODS
 from skillcli.config.randomization import PARAMETERS
 from skillcli.errors import StoreError, UsageError
 from skillcli.kinds import AnyKind, kind_spec
@@ -32,9 +33,6 @@ TRAINED = (
     "randomisation",
     "evaluation",
 )  # recipe sections that a training depends on
-
-COMPOSERS = ("search", "interpolate", "sequence", "ddpg", "ppo", "mpc")
-"""Names of the ways to compose; those who plan are slow to import."""
 
 _CLOSE = 1e-5  # between a number of 32 bits and the same computed anew
 _SHOWN = 3
@@ -205,8 +203,8 @@ def _evaluation(recipe: Recipe, arrays: Arrays) -> Iterator[str]:
 
 def _plan(recipe: Recipe, arrays: Arrays, results: Results) -> Iterator[str]:
     skills = len(recipe.task.goals)
-    if results["method"] not in COMPOSERS:
-        yield f"results.method must be one of {', '.join(COMPOSERS)}"
+    if results["method"] not in METHODS:
+        yield f"results.method must be one of {', '.join(METHODS)}"
     if arrays["plan/latent"].shape[1:] != (recipe.embedding.size,) or arrays["plan/skill"].max() >= skills:
         yield f"plan/latent and plan/skill are not those of {skills} skills in {recipe.embedding.size} dimensions"
     if "calibration/pair" in arrays and arrays["calibration/pair"].max(initial=0) >= skills:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from skillcli.composition.registry import all_specs, method_spec
 from skillcli.errors import UsageError
 from skillcli.evaluation.library import TRAINED, fingerprint
-from skillcli.evaluation.replanning import REPLANS
 from skillcli.evaluation.request import Request
 from skillcli.evaluation.sampled_robots import Robots
 from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL
@@ -17,9 +17,6 @@ from skillcli.simulation.domains import find_domains
 from skillcli.store import Artifact, Parent
 from skillcli.tasks.world import World
 
-RANDOM = ("ddpg", "ppo", "mpc")  # methods whose plan depends on a seed
-ON_SEVERAL = ("search", "mpc")  # methods that can score a latent on several robots at once
-ON_TARGET = ("search", "mpc", "ddpg", "ppo")  # methods that can plan on the target itself
 DRAWN = "each episode by itself, what repeats once"  # how robots are drawn: what was drawn otherwise is not used again
 
 
@@ -29,10 +26,17 @@ def robots_for(recipe: Recipe, method: str, on: str, seed: int) -> Robots:
     Raises:
         UsageError: the domain is unknown, or the method does not try anything.
     """
-    if on and method not in ON_TARGET:
-        raise UsageError(f"--method {method} tries nothing, on no domain", f"--on goes with {', '.join(ON_TARGET)}")
-    settings = recipe.compose if method in ON_SEVERAL else recipe.compose.model_copy(update={"ensemble": 0})
+    spec = method_spec(method)
+    if on and not spec.on_target:
+        able = ", ".join(name for name, other in all_specs().items() if other.on_target)
+        raise UsageError(f"--method {method} tries nothing, on no domain", f"--on goes with {able}")
+    settings = recipe.compose if spec.ensemble else recipe.compose.model_copy(update={"ensemble": 0})
     return Robots.of(settings, on, seed, World.of(recipe).joints)
+
+
+def replanning() -> list[str]:
+    """Methods whose plans can be made again on the way."""
+    return [name for name, spec in all_specs().items() if spec.replans]
 
 
 def pretrain_inputs(recipe: Recipe, seed: int) -> str:
@@ -60,7 +64,7 @@ def compose_inputs(
     robots = robots_for(recipe, method, on, seed)
     if robots.parameters or on:
         parts += [seed, on, {name: values.tolist() for name, values in robots.parameters.items()}]
-    return fingerprint(COMPOSE.name, [*parts, seed] if method in RANDOM else parts)
+    return fingerprint(COMPOSE.name, [*parts, seed] if method_spec(method).draws else parts)
 
 
 def transfer_eval_inputs(
@@ -74,7 +78,7 @@ def transfer_eval_inputs(
 ) -> str:
     """Of a transfer."""
     tables = [[domain.name, str(sorted(domain.parameters.items()))] for domain in find_domains(domains)]
-    replanned = recipe.fingerprint(["transfer", "compose", *REPLANS]) if recipe.transfer.replan else ""
+    replanned = recipe.fingerprint(["transfer", "compose", *replanning()]) if recipe.transfer.replan else ""
     parts: list[Any] = [source.content_sha256, tables, episodes, seed, replanned, DRAWN]
     if robot is not None:
         parts.append({"robot": robot.fingerprint})

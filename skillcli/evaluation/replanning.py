@@ -12,20 +12,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skillcli.composition.latent_environment import LatentEnvironment
-from skillcli.composition.mpc import ModelPredictiveControl
+from skillcli.composition.mpc import ModelPredictiveControl, MpcSettings, mpc_from
 from skillcli.composition.plan import Segment
 from skillcli.composition.planner import run
-from skillcli.composition.search import Expansions
+from skillcli.composition.registry import all_specs, method_spec
+from skillcli.composition.search import Expansions, SearchSettings, choices_of, search_from
 from skillcli.errors import UsageError
 from skillcli.evaluation.identification import Identification
-from skillcli.evaluation.planning import Leg, choices_of, mpc_from, search_from
+from skillcli.evaluation.library import Library
+from skillcli.evaluation.planning import problem_of
 from skillcli.evaluation.rollouts import conduct, met
 from skillcli.evaluation.sampled_robots import Robots
+from skillcli.recipe import Recipe
 from skillcli.seeding import generator
 from skillcli.simulation.environment import Environment, Sighting
 from skillcli.trajectories import Array, Trajectories
 
-REPLANS = ("search", "mpc")
 MARGIN = 0.8  # of the tolerance that the judge has: what the sensors show is off by millimetres
 UNBREAKABLE = 3  # limits that every arm has; what an object adds comes behind
 KEPT = ("box_pressed", "box_tipped")  # limits that a plan keeps; noise alone may break those of the arm
@@ -63,36 +65,43 @@ class Replanner:
     """Plans again and again, in simulations of its own, for a target that it knows through its sensors only.
 
     Args:
-        leg: library and recipe; its waypoints do not matter.
-        method: one of `REPLANS`.
+        library: the skills.
+        recipe: how to plan.
+        method: one whose plan can be made again.
 
     Raises:
-        UsageError: the method is none of them.
+        UsageError: it cannot.
     """
 
-    def __init__(self, leg: Leg, method: str) -> None:
-        if method not in REPLANS:
-            raise UsageError(
-                f"a plan of --method {method} cannot be made again on the way", f"--replan goes with {' or '.join(REPLANS)}"
-            )
-        # who looks again soon plans quickly: on the nominal robot, in the shortest segments
-        search = leg.recipe.search.model_copy(update={"segments": (min(leg.recipe.search.segments),)})
-        leg = replace(leg, recipe=leg.recipe.model_copy(update={"search": search}), robots=Robots({"latency": np.zeros(1)}))
-        self.leg, self.method, self.effort = leg, method, Effort()
-        self._choices = choices_of(leg)
-        settings = leg.recipe.transfer
-        slots = settings.replan_batch * len(self._choices.latent) if method == "search" else leg.recipe.mpc.samples
-        self._simulations = leg.robots.simulations(leg.library.world, slots)
+    def __init__(self, library: Library, recipe: Recipe, method: str) -> None:
+        if not method_spec(method).replans:
+            able = " or ".join(name for name, spec in all_specs().items() if spec.replans)
+            raise UsageError(f"a plan of --method {method} cannot be made again on the way", f"--replan goes with {able}")
+        robots = Robots({"latency": np.zeros(1)})
+        problem = problem_of(library, recipe, method, np.zeros((0, 3)), robots)
+        settings = problem.settings
+        if isinstance(settings, SearchSettings):
+            # who looks again soon plans quickly: on the nominal robot, in the shortest segments
+            settings = settings.model_copy(update={"segments": (min(settings.segments),)})
+            problem = replace(problem, settings=settings)
+            self._choices = choices_of(problem)
+            slots, longest = recipe.transfer.replan_batch * len(self._choices.latent), settings.segments[0]
+        else:
+            own = problem.settings_as(MpcSettings)
+            slots, longest = own.samples, own.segment
+        self.problem, self.recipe, self.effort = problem, recipe, Effort()
+        self.act = library.agent.act
+        self._simulations = robots.simulations(library.world, slots)
         self._lateness = 0.0  # s, of the simulations
-        self._known = Identification(leg.library.world)
-        self._world = LatentEnvironment(self._simulations, leg.library.agent.act, limits=KEPT)
+        self._known = Identification(library.world)
+        self._world = LatentEnvironment(self._simulations, self.act, limits=KEPT)
         self._others: Environment | None = None
-        if method == "search" and self._simulations.violations().shape[1] > UNBREAKABLE:
+        if isinstance(settings, SearchSettings) and self._simulations.violations().shape[1] > UNBREAKABLE:
             several = Robots({"latency": np.zeros(len(FRICTION)), "contact_friction": FRICTION}, len(FRICTION))
-            self._others = several.simulations(leg.library.world, len(self._choices.latent))
-            self._elsewhere = LatentEnvironment(self._others, leg.library.agent.act, len(FRICTION), KEPT)
-        self._reckless = LatentEnvironment(self._simulations, leg.library.agent.act)
-        self._longest = leg.steps(search.segments[0] if method == "search" else leg.recipe.mpc.segment)
+            self._others = several.simulations(library.world, len(self._choices.latent))
+            self._elsewhere = LatentEnvironment(self._others, self.act, len(FRICTION), KEPT)
+        self._reckless = LatentEnvironment(self._simulations, self.act)
+        self._longest = problem.steps(longest)
 
     def episode(self, target: Environment, waypoints: Array, steps: int, seed: int) -> Trajectories:
         """One episode on one target robot that stands at its start.
@@ -107,7 +116,7 @@ class Replanner:
         self._known.begin()
         self._assume(self._known.lateness)
         mission = _Mission(self, target, waypoints, round(PATIENCE * steps), generator(seed, "replanning"))
-        recording, _ = conduct(target, self.leg.library.agent.act, mission.feed, steps)
+        recording, _ = conduct(target, self.act, mission.feed, steps)
         if mission.gave_up():
             recording = replace(recording, gave_up=np.ones(1, dtype=bool))
         return recording.judged_by(recording.success & met(recording, [waypoints], target.tolerance))
@@ -115,8 +124,15 @@ class Replanner:
     @property
     def goal_tolerance(self) -> float:
         """What is near enough to stop, m."""
-        own = self.leg.recipe.search if self.method == "search" else self.leg.recipe.mpc
-        return min(own.goal_tolerance, self.leg.recipe.task.tolerance)
+        own = self.problem.settings
+        assert isinstance(own, SearchSettings | MpcSettings)
+        return min(own.goal_tolerance, self.problem.tolerance)
+
+    @property
+    def final_speed(self) -> float:
+        """What is slow enough to stop, m/s; 0 for any speed."""
+        own = self.problem.settings
+        return own.final_speed if isinstance(own, SearchSettings) else 0.0
 
     def learn(self, state: Array, applied: Sequence[Array], measured: Sequence[Array]) -> None:
         """Take account of a segment that is over, see `Identification`; plan for a robot that obeys like that."""
@@ -149,8 +165,8 @@ class Replanner:
         self.effort.seconds += time.perf_counter() - began
         plan = planner.plan()
         if not plan:  # every way fails: a moment of the first skill
-            library = self.leg.library
-            return Prospect(Segment(library.mean[0], 0, library.names[0], 1), points[0, 0], planner.to_go)
+            first = Segment(self.problem.mean[0], 0, self.problem.names[0], 1)
+            return Prospect(first, points[0, 0], planner.to_go)
         return Prospect(replace(plan[0], steps=min(plan[0].steps, self._longest)), planner.next_place, planner.to_go)
 
     def _barred(self, seen: Sighting, rng: np.random.Generator) -> frozenset[int]:
@@ -170,10 +186,10 @@ class Replanner:
     def _planner(
         self, row: Array, points: Array, waypoints: Array, rng: np.random.Generator, barred: Collection[int] = ()
     ) -> Expansions | ModelPredictiveControl:
-        if self.method == "mpc":
-            return mpc_from(self.leg, row, points, waypoints, 1, rng)
-        settings = self.leg.recipe.transfer
-        search = search_from(self.leg, row, points, waypoints, self._choices, settings.replan_budget, barred)
+        if isinstance(self.problem.settings, MpcSettings):
+            return mpc_from(self.problem, row, points, waypoints, 1, rng)
+        settings = self.recipe.transfer
+        search = search_from(self.problem, row, points, waypoints, self._choices, settings.replan_budget, barred)
         return Expansions(search, settings.replan_batch)
 
 
@@ -257,8 +273,8 @@ class _Mission:
             if gap <= MARGIN * self._target.tolerance:
                 self._due, self._left = self._due + 1, 0  # what is being held was meant for the one before
             return False
-        settings = self._replanner.leg.recipe.search
-        slow = not settings.final_speed or self._replanner.method == "mpc" or self._speed() <= settings.final_speed
+        fastest = self._replanner.final_speed
+        slow = not fastest or self._speed() <= fastest
         near = self._replanner.goal_tolerance
         if len(self._path) > self._patience:  # some places no sequence of latents comes nearer to
             near = max(near, MARGIN * self._target.tolerance)

@@ -117,7 +117,7 @@ class Trial:
         return Trajectories.join(recordings)
 
     def _replan(self, replanner: Replanner, script: Script, target: Target, told: Callable[[int, int], None]) -> Trajectories:
-        steps, recordings = replanner.leg.steps(replanner.leg.recipe.transfer.replan_seconds), []
+        steps, recordings = replanner.problem.steps(replanner.recipe.transfer.replan_seconds), []
         env = self.world.make(1, delay="latency" in target.parameters)
         for episode, waypoints in enumerate(script.waypoints):
             told(episode, script.episodes)

@@ -1,163 +1,51 @@
-"""Deep deterministic policy gradient over latents (Lillicrap et al. 2016, arXiv:1509.02971).
-
-The actor mu(s) proposes a latent. Where only some latents may be chosen, the nearest one is taken, or of several near ones
-that of the highest Q (Dulac-Arnold et al. 2015, arXiv:1512.07679); all else, the exploration noise too, stays the same.
-"""
+"""DDPG as a way to compose. The composer itself is imported when it is to learn: torch takes time."""
 
 from __future__ import annotations
 
-import copy
+from typing import Literal
 
-import numpy as np
-import torch
-from torch import Tensor
-
-from skillcli.composition.settings import Ddpg
-from skillcli.learning.composer import Head, LatentBox, Normalizer, Trace, arrays_of, check_finite, descend, tensor
-from skillcli.seeding import generator, torch_generator
-from skillcli.trajectories import Array
-
-FINAL = 0.1  # of exploration and step size at the start, in the last round: the last steps settle instead of wandering
+from skillcli.composition.episodes import EpisodeSettings, learn_to_plan
+from skillcli.composition.method import MethodSpec, Option, PlanningProblem, PlanResult
+from skillcli.composition.plan import Choices
+from skillcli.config.base import value
 
 
-class Replay:
-    """The last transitions, in a ring: features s, unit latent a, reward r, features s', and whether s' is the end."""
+class DdpgSettings(EpisodeSettings):
+    """Deep deterministic policy gradient over latents (Lillicrap et al. 2016)."""
 
-    def __init__(self, capacity: int, features: int, latent: int) -> None:
-        shapes = ((capacity, features), (capacity, latent), (capacity,), (capacity, features), (capacity,))
-        self._columns = [np.zeros(shape, dtype=np.float32) for shape in shapes]
-        self._capacity, self._next, self.filled = capacity, 0, 0
-
-    def add(self, *columns: Array) -> None:
-        """Take n transitions, every column (n, ...)."""
-        count = len(columns[0])
-        slots = (self._next + np.arange(count)) % self._capacity
-        for kept, new in zip(self._columns, columns, strict=True):
-            kept[slots] = new
-        self._next = (self._next + count) % self._capacity
-        self.filled = min(self.filled + count, self._capacity)
-
-    def sample(self, count: int, rng: np.random.Generator) -> tuple[Tensor, ...]:
-        """Columns of `count` transitions, drawn with replacement."""
-        chosen = rng.integers(self.filled, size=count)
-        return tuple(torch.from_numpy(column[chosen]) for column in self._columns)
+    latents: Literal["continuous", "means", "interpolated"] = value(
+        "continuous", "what the composer may choose: any latent, a skill's mean, or a mean or the half-way latent of two"
+    )
+    candidates: int = value(1, "of discrete choices, the critic decides between this many nearest ones", "", ge=1)
+    gradient_steps: int = value(100, "per round of episodes", "", ge=1, le=10_000)
+    minibatch: int = value(128, "transitions per gradient step", "samples", ge=1)
+    replay: int = value(100_000, "transitions that are kept", "samples", ge=1, le=10_000_000)
+    warm_up: int = value(4, "rounds of episodes with random latents before learning", "", ge=1)
+    learning_rate: float = value(1e-3, "step size of actor and critic", "", gt=0)
+    target_rate: float = value(0.02, "tau: how fast the target networks follow, per gradient step", "", gt=0, le=1)
+    noise: float = value(0.4, "exploration at the start, in units of half the latent box; falls to a tenth", "", ge=0)
 
 
-class DdpgComposer:
-    """See `composition.episodes.Composer`.
+def plan(problem: PlanningProblem) -> PlanResult:
+    """What a composer does that learns off-policy."""
+    from skillcli.learning.ddpg_composer import DdpgComposer
 
-    Args:
-        features: size f of what is seen.
-        box: (2, d) lowest and highest latent.
-        choices: (C, d) the latents that may be chosen, None for any in the box.
-        settings: the recipe's.
-        seed: of weights and chance.
-    """
+    settings, choices = problem.settings_as(DdpgSettings), None
+    if settings.latents != "continuous":
+        choices = Choices.of(problem.mean, problem.names, settings.latents == "interpolated").latent
+    return learn_to_plan(problem, lambda features: DdpgComposer(features, problem.bounds, choices, settings, problem.seed))
 
-    def __init__(self, features: int, box: Array, choices: Array | None, settings: Ddpg, seed: int) -> None:
-        torch.set_num_threads(1)  # results must not depend on how many cores there are
-        self._settings, self._rng, size = settings, generator(seed, "ddpg"), box.shape[1]
-        self._box = LatentBox(box)
-        self._choices = None if choices is None else tensor(self._box.unit(choices))
-        make = torch_generator(seed, "ddpg")
-        self.normalizer = Normalizer(features)
-        self.actor = Head(features, settings.hidden, size, False, 0.01, make)
-        self.critic = Head(features + size, settings.hidden, 1, False, 1.0, make)
-        self._target_actor, self._target_critic = copy.deepcopy(self.actor), copy.deepcopy(self.critic)
-        self._optimizers = [torch.optim.Adam(net.parameters(), lr=settings.learning_rate) for net in (self.actor, self.critic)]
-        self.replay = Replay(settings.replay, features, size)
-        self._round = 0
-        self._trace = Trace()
 
-    @torch.no_grad()
-    def choose(self, features: Array) -> Array:
-        """See `Composer`; in the first rounds every episode holds a latent of its own, drawn from the box."""
-        seen = self.normalizer(tensor(features))
-        unit = self.actor(seen)
-        if self._round < self._settings.warm_up:
-            if not self._trace.units:
-                self._drawn = self._rng.uniform(-1, 1, unit.shape)
-            unit[1:] = tensor(self._drawn)[1:]
-        else:
-            unit[1:] += self._noise() * tensor(self._rng.standard_normal(unit[1:].shape))
-        unit = self.project(unit.clamp(-1, 1), seen, self.critic)
-        self._trace.chose(features, unit.numpy())
-        return self._box.latent(unit.numpy())
-
-    def learn(self, reward: Array, features: Array, terminated: Array) -> None:
-        """See `Composer`."""
-        self._trace.led(reward, features, terminated)
-
-    def improve(self, valid: Array) -> dict[str, float]:
-        """See `Composer`."""
-        trace = self._trace
-        for t, kept in enumerate(valid):
-            columns = trace.seen[t], trace.units[t], trace.rewards[t], trace.seen[t + 1], trace.terminated[t]
-            self.replay.add(*(column[kept] for column in columns))
-        if self._round < self._settings.warm_up:  # what there is to see is known then; later the scale stays
-            self.normalizer.update(tensor(np.concatenate(trace.seen)))
-        self._trace = Trace()
-        self._round += 1
-        logged = {"critic_loss": 0.0, "q": 0.0, "noise": self._noise()}
-        for optimizer in self._optimizers:
-            optimizer.param_groups[0]["lr"] = self._settings.learning_rate * self._left()
-        for _ in range(self._settings.gradient_steps):
-            logged |= self._step(acting=self._round >= self._settings.warm_up)
-        check_finite("ddpg", logged, self.actor, self.critic)
-        return logged
-
-    def arrays(self) -> dict[str, Array]:
-        """See `Composer`."""
-        return arrays_of(normalizer=self.normalizer, actor=self.actor, critic=self.critic)
-
-    def project(self, unit: Tensor, seen: Tensor, critic: Head) -> Tensor:
-        """Proposed units (N, d) to units that may be chosen; any may, where there are no choices."""
-        if self._choices is None:
-            return unit
-        count = min(self._settings.candidates, len(self._choices))
-        near = torch.cdist(unit, self._choices).topk(count, largest=False).indices  # (N, k)
-        options = self._choices[near]  # (N, k, d)
-        if count == 1:
-            return options[:, 0]
-        value = critic(seen[:, None].expand(-1, count, -1), options).squeeze(-1)  # (N, k)
-        return options[torch.arange(len(unit)), value.argmax(-1)]
-
-    def _noise(self) -> float:
-        return self._settings.noise * self._left()
-
-    def _left(self) -> float:
-        """From 1 in the first round, linearly, to `FINAL` in the last."""
-        return 1.0 - (1.0 - FINAL) * min(1.0, self._round / self._settings.iterations)
-
-    def _step(self, acting: bool) -> dict[str, float]:
-        """One gradient step of the critic, and where it is acting of the actor; the targets follow."""
-        features, unit, reward, after, end = self.replay.sample(self._settings.minibatch, self._rng)
-        seen, seen_after = self.normalizer(features), self.normalizer(after)
-        with torch.no_grad():
-            then = self.project(self._target_actor(seen_after).clamp(-1, 1), seen_after, self._target_critic)
-            bootstrap = self._target_critic(seen_after, then).squeeze(-1)
-            target = reward + self._settings.discount * (1.0 - end) * bootstrap
-        critic_loss = (self.critic(seen, unit).squeeze(-1) - target).square().mean()
-        descend(self._optimizers[1], critic_loss)
-        if acting:  # not before the critic knows a little
-            unit = self.actor(seen)
-            descend(self._optimizers[0], -(self._uphill(seen, unit.detach()) * unit).sum(-1).mean())
-        self._follow()
-        return {"critic_loss": float(critic_loss.detach()), "q": float(target.mean())}
-
-    def _uphill(self, seen: Tensor, unit: Tensor) -> Tensor:
-        """dQ/da at actions (n, d), the less the nearer the side of the box it points to, and inverted behind it.
-
-        A tanh in its place is stuck in the first corner that a young critic sends it to (Hausknecht and Stone 2016,
-        arXiv:1511.04143, section 4).
-        """
-        unit.requires_grad_()
-        (gradient,) = torch.autograd.grad(self.critic(seen, unit).sum(), unit)
-        room = torch.where(gradient > 0, 1.0 - unit, 1.0 + unit) / 2
-        return gradient * room.detach()
-
-    @torch.no_grad()
-    def _follow(self) -> None:
-        for target, net in ((self._target_actor, self.actor), (self._target_critic, self.critic)):
-            for slow, fast in zip(target.parameters(), net.parameters(), strict=True):
-                slow.lerp_(fast, self._settings.target_rate)
+METHOD = MethodSpec(
+    name="ddpg",
+    settings=DdpgSettings,
+    plan=plan,
+    hint="try more --iterations, or another --seed",
+    options=(
+        Option("iterations", "Rounds of episodes at most.", "N", int),
+        Option("latents", "What may be chosen: continuous, means, interpolated.", "NAME"),
+    ),
+    draws=True,
+    on_target=True,
+    learns=True,
+)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from skillcli.composition.registry import DEFAULT
 from skillcli.evaluation.inputs import compose_inputs, embed_means_inputs, pretrain_inputs, transfer_eval_inputs
 from skillcli.evaluation.request import Request
 from skillcli.evaluation.reuse import finished, of_compose, of_embed_means, of_pretrain, of_transfer_eval
@@ -43,9 +44,9 @@ def run_chain(store: Store, recipe: Recipe, seed: int, name: str, command: str, 
     means = found or embed_means(store, skills.id, command)
     yield Link(means, found is not None)
 
-    inputs = compose_inputs(means, recipe, request, "search")
+    inputs = compose_inputs(means, recipe, request, DEFAULT)
     found = finished(store, COMPOSE, inputs, name, of_compose)
-    plan = found or compose(store, means.id, recipe, request, "search", command, report=report)
+    plan = found or compose(store, means.id, recipe, request, DEFAULT, command, report=report)
     yield Link(plan, found is not None)
 
     domains, episodes = recipe.transfer.domains, recipe.transfer.episodes

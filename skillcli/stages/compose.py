@@ -4,26 +4,23 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from skillcli import metrics
-from skillcli.composition.interpolation import Calibration, all_pairs
+from skillcli.composition.method import Finding, PlanResult
 from skillcli.composition.plan import Segment, schedule
-from skillcli.errors import UsageError
-from skillcli.evaluation.held import play_held
-from skillcli.evaluation.inputs import RANDOM, compose_inputs, robots_for
+from skillcli.composition.registry import METHODS, method_spec
+from skillcli.evaluation.inputs import compose_inputs, robots_for
 from skillcli.evaluation.library import Library, check_untouched, open_library
 from skillcli.evaluation.limits import breaks
-from skillcli.evaluation.planning import METHODS, Leg, Planned
+from skillcli.evaluation.planning import problem_of
 from skillcli.evaluation.request import Request
 from skillcli.evaluation.rollouts import play_waypoints
 from skillcli.evaluation.sampled_robots import Robots
 from skillcli.kinds import COMPOSE
 from skillcli.kinds.compose import (
     GOALS,
-    CalibrationResults,
     ComposeMeasured,
     ComposeResults,
     PlannedSegment,
@@ -35,17 +32,7 @@ from skillcli.recipe import Recipe
 from skillcli.store import Artifact, ArtifactId, Draft, Store
 from skillcli.trajectories import Array, Trajectories
 
-__all__ = ["METHODS", "Request", "compose", "execute"]
-
-
-def check_method(method: str) -> None:
-    """Refuse what is no method.
-
-    Raises:
-        UsageError: it is not.
-    """
-    if method not in METHODS:
-        raise UsageError(f"no method {method!r}", f"methods: {', '.join(METHODS)}")
+__all__ = ["Request", "compose", "execute"]
 
 
 def compose(
@@ -69,7 +56,7 @@ def compose(
         source_id: an embed-means or pretrain artifact.
         recipe: how to plan; the skills come from the source.
         request: what to meet.
-        method: one of `METHODS`.
+        method: by its name.
         command: as typed, for the record.
         name: first part of the new id; by default that of the source.
         report: told where the planning stands.
@@ -81,7 +68,7 @@ def compose(
         SkillError: a composer came apart.
         StoreError: the source cannot be read, or the store refuses.
     """
-    check_method(method)
+    spec = method_spec(method)
     robots = robots_for(recipe, method, on, seed)
     store.check_writable(name or source_id.name)
     source = store.read(source_id)
@@ -89,12 +76,12 @@ def compose(
     check_untouched(library, recipe, f"{', '.join(f'{section}.*' for section in METHODS)} and compose.*")
     started = time.perf_counter()
     by_hand = request.entries or ((),) * len(request.routes)
-    legs = [
-        Leg(library, recipe, waypoints, entries, seed, _within(report, done, len(request.routes)), robots)
+    problems = [
+        problem_of(library, recipe, method, waypoints, robots, entries, seed, _within(report, done, len(request.routes)))
         for done, (waypoints, entries) in enumerate(zip(request.routes, by_hand, strict=True))
     ]
-    planned = [METHODS[method](leg) for leg in legs]
-    calibration = calibrate(library, recipe) if method == "interpolate" else None
+    planned = [spec.plan(problem) for problem in problems]
+    finding = spec.examine(problems[0]) if spec.examine else Finding({}, {}, 0.0)
     planning_seconds = time.perf_counter() - started
     plans = [found.segments for found in planned]
     judge = robots if on else Robots()
@@ -111,13 +98,13 @@ def compose(
         Draft(
             kind=COMPOSE.name,
             name=name or source_id.name,
-            seed=seed if method in RANDOM or robots.parameters else source.seed,
+            seed=seed if spec.draws or robots.parameters else source.seed,
             command=command,
             recipe=recipe.model_dump(mode="json"),
             arrays={
                 **_plan_arrays(plans, recipe.task.control_period),
                 **_composer_arrays(planned),
-                **({} if calibration is None else calibration.arrays()),
+                **finding.arrays,
                 **{f"robots/{parameter}": values for parameter, values in robots.parameters.items()},
                 "waypoints/target": request.waypoints,
                 "waypoints/closest": np.concatenate(closest),
@@ -125,13 +112,13 @@ def compose(
                 **{f"trajectories/{field}": array for field, array in recording.arrays().items()},
             },
             results=replace(
-                _results(recipe, request, method, planned, recording, np.concatenate(closest)),
+                _results(recipe, request, method, planned, recording, np.concatenate(closest), finding),
                 waypoints_met=bool(met.all()),
                 violations=_violations(recording),
                 broken=broken,
                 on=on,
                 robots=robots.count,
-                **({} if calibration is None else _calibrated(library, calibration, planned)),
+                **finding.results,
             ).json(),
             measured=ComposeMeasured(planning_seconds=planning_seconds).json(),
             parents=[source_id],
@@ -164,26 +151,6 @@ def _violations(recording: Trajectories) -> dict[str, int]:
     return {limit: int(steps.sum()) for limit, steps in recording.beyond_limits.items() if steps.any()}
 
 
-def calibrate(library: Library, recipe: Recipe) -> Calibration:
-    """Hold the latents between every pair of skills from the start to the end of an episode, and see where it ends."""
-    pair = np.array(all_pairs(len(library.mean)), dtype=int).reshape(-1, 2)
-    share = np.linspace(0, 1, recipe.interpolate.shares)
-    a, b = (library.mean[pair[:, side]][:, None] for side in (0, 1))  # (P, 1, d)
-    latent = ((1 - share[:, None]) * a + share[:, None] * b).reshape(-1, library.mean.shape[1])
-    target = library.goals[np.repeat(pair[:, 1], len(share))]
-    recording, _ = play_held(library.recipe, library.agent, latent, target, np.full(len(latent), -1))
-    end = recording.judged[np.arange(recording.episodes), recording.length]
-    return Calibration(pair, share, end.reshape(len(pair), len(share), 3), library.goals)
-
-
-def _calibrated(library: Library, calibration: Calibration, planned: list[Planned]) -> dict[str, Any]:
-    task = library.recipe.task
-    spent = calibration.end[..., 0].size * task.horizon * task.control_period
-    planning = sum(found.simulated_robot_seconds for found in planned)
-    found = CalibrationResults.read(calibration.report(library.names))
-    return {"calibration": found, "simulated_robot_seconds": planning + spent}
-
-
 def _plan_arrays(plans: list[list[Segment]], period: float) -> dict[str, Array]:
     segments = [segment for plan in plans for segment in plan]
     arrays = {
@@ -197,7 +164,7 @@ def _plan_arrays(plans: list[list[Segment]], period: float) -> dict[str, Array]:
     return arrays
 
 
-def _composer_arrays(planned: list[Planned]) -> dict[str, Array]:
+def _composer_arrays(planned: list[PlanResult]) -> dict[str, Array]:
     """Weights and learning curves of each route's composer; routes are told apart only where there are several."""
     arrays: dict[str, Array] = {}
     for route, found in enumerate(planned):
@@ -211,9 +178,10 @@ def _results(
     recipe: Recipe,
     request: Request,
     method: str,
-    planned: list[Planned],
+    planned: list[PlanResult],
     recording: Trajectories,
     closest: Array,
+    finding: Finding,
 ) -> ComposeResults:
     period = recipe.task.control_period
     distance = metrics.final_distance(recording)
@@ -225,7 +193,7 @@ def _results(
         success_rate=float(recording.success.mean()),
         routes=len(plans),
         expanded_nodes=sum(found.expanded_nodes for found in planned),
-        simulated_robot_seconds=sum(found.simulated_robot_seconds for found in planned),
+        simulated_robot_seconds=sum(found.simulated_robot_seconds for found in planned) + finding.simulated_robot_seconds,
         robot_seconds_with_returns=sum(found.with_returns for found in planned),
         plan_seconds=sum(segment.steps for plan in plans for segment in plan) * period,
         segments=tuple(

@@ -9,11 +9,9 @@ import numpy as np
 
 from skillcli import metrics
 from skillcli.errors import UsageError
-from skillcli.evaluation.inputs import transfer_eval_inputs
+from skillcli.evaluation.inputs import replanning, transfer_eval_inputs
 from skillcli.evaluation.library import Library, check_untouched, open_library
-from skillcli.evaluation.planning import Leg
-from skillcli.evaluation.replanning import REPLANS, Replanner
-from skillcli.evaluation.sampled_robots import Robots
+from skillcli.evaluation.replanning import Replanner
 from skillcli.evaluation.script import Script
 from skillcli.evaluation.transfer_report import domain_report, most_harmful_first, one_at_a_time, source_report
 from skillcli.evaluation.trial import NOMINAL, Target, Trial
@@ -67,8 +65,9 @@ def transfer_eval(
     source = store.read(source_id)
     library = open_library(store, source)
     drawn = [Target.drawn(domain, episodes, seed, library.world.joints) for domain in found]
-    check_untouched(library, recipe, f"transfer.*, compose.* and, with --replan, {', '.join(f'{one}.*' for one in REPLANS)}")
-    replanner = _replanner(library, recipe, source, seed) if recipe.transfer.replan else None
+    planning = ", ".join(f"{method}.*" for method in replanning())
+    check_untouched(library, recipe, f"transfer.*, compose.* and, with --replan, {planning}")
+    replanner = _replanner(library, recipe, source) if recipe.transfer.replan else None
     world = library.world if robot is None else library.world.on(robot)
     trial, once = Trial(library, seed, world, replanner), Script.of(source, library)
     trial.check()
@@ -119,13 +118,12 @@ def transfer_eval(
     )
 
 
-def _replanner(library: Library, recipe: Recipe, source: Artifact, seed: int) -> Replanner:
+def _replanner(library: Library, recipe: Recipe, source: Artifact) -> Replanner:
     if not COMPOSE.is_kind_of(source):
         raise UsageError(
             f"{source.id} holds no plan that could be made again on the way", "give a compose artifact, or leave --replan out"
         )
-    leg = Leg(library, recipe, np.zeros((0, 3)), (), seed, silent, Robots())
-    return Replanner(leg, COMPOSE.results_of(source).method)
+    return Replanner(library, recipe, COMPOSE.results_of(source).method)
 
 
 @dataclass

@@ -21,7 +21,6 @@ from skillcli.tasks.registry import find_task
 from skillcli.tasks.spec import TaskSpec
 
 MAX_SIMULATIONS = 1024  # side by side, where there may be any number of episodes: the rest comes after, memory is bounded
-INTERPOLATED_SETS = ("pairs", "neighbours")  # interpolations of many routes, one for each pair of skills
 
 
 class WorldRecipe(Protocol):

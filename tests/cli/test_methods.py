@@ -10,9 +10,11 @@ from typing import Any
 import pytest
 from command import files, made, skill
 
-from skillcli.cli.methods import ABOUT, OPTIONS, SPECIAL
-from skillcli.evaluation.planning import METHODS
+from skillcli.composition.registry import METHODS, all_specs
 
+SPECS = all_specs()
+OPTIONS = {name: spec.option_names for name, spec in SPECS.items()}
+SPECIAL = {option for options in OPTIONS.values() for option in options}
 GOAL = ("--goal", "0.6,0.1,0.25")
 SHORT = tuple(
     word
@@ -55,7 +57,8 @@ def shown_options(*words: str) -> set[str]:
 
 
 def test_the_command_line_knows_every_method_there_is() -> None:
-    assert ABOUT.keys() == OPTIONS.keys() == METHODS.keys() == TYPED.keys()
+    assert METHODS.keys() == TYPED.keys()
+    assert [spec.name for spec in SPECS.values()] == list(METHODS)
 
 
 @pytest.mark.parametrize("method", OPTIONS)
@@ -97,7 +100,7 @@ def test_blends_and_any_latents_can_be_drawn(composed: tuple[Path, dict[str, Any
     assert rrd.stat().st_size > 1000 and png.stat().st_size > 1000
 
 
-@pytest.mark.parametrize("method", ["ddpg", "ppo", "mpc"])
+@pytest.mark.parametrize("method", [name for name, spec in SPECS.items() if spec.draws])
 def test_the_same_seed_gives_the_same_content(composed: tuple[Path, dict[str, Any]], method: str) -> None:
     store, found = composed
     again = made(
@@ -105,6 +108,14 @@ def test_the_same_seed_gives_the_same_content(composed: tuple[Path, dict[str, An
     )
     hashes = [made("--store", store, "show", id_)["content_sha256"] for id_ in (found[method]["id"], again["id"])]
     assert hashes[0] == hashes[1] and again["seed"] == 1
+
+
+@pytest.mark.parametrize("method", TYPED)
+def test_weights_and_curves_are_kept_of_what_learns(composed: tuple[Path, dict[str, Any]], method: str) -> None:
+    store, found = composed
+    arrays = made("--store", store, "show", found[method]["id"])["arrays"]
+    kept = {name.split("/")[0] for name in arrays} & {"composer", "curves"}
+    assert kept == ({"composer", "curves"} if SPECS[method].learns else set())
 
 
 def test_interpolation_reports_its_calibration(composed: tuple[Path, dict[str, Any]]) -> None:

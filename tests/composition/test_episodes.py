@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from plane import ORIGIN, Plane
 
-from skillcli.composition.episodes import FAILED, Episodes
+from skillcli.composition.episodes import FAILED, Episodes, EpisodeSettings
 from skillcli.composition.planner import run
 from skillcli.composition.route import Route
-from skillcli.composition.settings import Episodes as Settings
 from skillcli.trajectories import Array
 
 
@@ -45,7 +44,7 @@ class Scripted:
 
 
 def episodes(composer: Scripted, rounds: int = 1, good_enough: float = 0.0) -> Episodes:
-    settings = Settings(goal_tolerance=0.01, good_enough=good_enough, reward_scale=10.0, iterations=rounds)
+    settings = EpisodeSettings(goal_tolerance=0.01, good_enough=good_enough, reward_scale=10.0, iterations=rounds)
     route = Route(np.array([[4.0, 0, 0]]), tolerance=0.1)
     return Episodes(ORIGIN, ORIGIN[None], ORIGIN[:2], route, composer, num=3, steps=2, segments=3, settings=settings)
 

@@ -6,19 +6,18 @@ import numpy as np
 import pytest
 from plane import ORIGIN, Plane
 
-from skillcli.composition.mpc import ModelPredictiveControl
+from skillcli.composition.mpc import ModelPredictiveControl, MpcSettings
 from skillcli.composition.plan import schedule
 from skillcli.composition.planner import run
 from skillcli.composition.route import Route
-from skillcli.composition.settings import Mpc
 
 BOX = np.array([[-1.0, -1.0], [1.0, 1.0]])
 MEANS = np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]])
-SETTINGS = Mpc(goal_tolerance=0.3)
+SETTINGS = MpcSettings(goal_tolerance=0.3)
 
 
 def control(
-    *waypoints: tuple[float, float], settings: Mpc = SETTINGS, longest: int = 20, seed: int = 0
+    *waypoints: tuple[float, float], settings: MpcSettings = SETTINGS, longest: int = 20, seed: int = 0
 ) -> ModelPredictiveControl:
     route = Route(np.array([[*point, 0.0] for point in waypoints]), tolerance=0.5)
     rng = np.random.default_rng(seed)
@@ -43,7 +42,7 @@ def test_it_arrives_within_the_tolerance_about_as_fast_as_can_be(goal: tuple[flo
 
 
 def test_the_plan_ends_the_moment_it_arrives() -> None:
-    planner = solve(control((1.0, 0.0), settings=Mpc(goal_tolerance=0.01)))
+    planner = solve(control((1.0, 0.0), settings=MpcSettings(goal_tolerance=0.01)))
     assert [segment.steps for segment in planner.plan()] == [1], "in the middle of a segment of two steps"
 
 
@@ -55,7 +54,7 @@ def test_waypoints_are_met_in_order() -> None:
 
 def test_it_goes_round_what_lets_a_simulation_fail() -> None:
     wall = Plane(lambda path: ~((np.abs(path[..., 0] - 2) <= 0.5) & (path[..., 1] < 1)))
-    planner = solve(control((4.0, 0.0), settings=Mpc(goal_tolerance=0.3, lookahead=5, samples=200)), wall)
+    planner = solve(control((4.0, 0.0), settings=MpcSettings(goal_tolerance=0.3, lookahead=5, samples=200)), wall)
     path = np.cumsum(schedule(planner.plan())[0], axis=0)
     assert np.linalg.norm(path[-1] - [4, 0]) <= 0.3 and path[:, 1].max() >= 1
 

@@ -14,12 +14,13 @@ import pytest
 from skillcli.composition.latent_environment import Outcome
 from skillcli.composition.plan import Choices
 from skillcli.composition.planner import run
-from skillcli.composition.search import Expansions, Node, Settings, UniformCostSearch
+from skillcli.composition.search import Expansions
+from skillcli.composition.uniform_cost import Node, SearchSetup, UniformCostSearch
 from skillcli.trajectories import Array
 
 RIGHT, UP, DIAGONAL = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 1.0, 0.0)
 COMPASS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
-SETTINGS = Settings(
+SETTINGS = SearchSetup(
     durations=(1,), tolerance=0.1, resolution=0.5, step_seconds=1.0, weight=0.0, max_speed=math.sqrt(2), approach_speed=0.0,
     half_edges=(0.0, 0.0), final_speed=math.inf, budget=1000,
 )  # fmt: skip

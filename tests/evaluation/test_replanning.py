@@ -12,11 +12,8 @@ from worlds import make, target_robot, world
 from skillcli.cli.tables import _gave_up
 from skillcli.composition.latent_environment import LatentEnvironment
 from skillcli.evaluation.identification import Identification
-from skillcli.evaluation.planning import Leg
 from skillcli.evaluation.replanning import Replanner
-from skillcli.evaluation.sampled_robots import Robots
 from skillcli.kinds.transfer_eval import DomainResults
-from skillcli.progress import silent
 from skillcli.recipe import Recipe, resolve
 from skillcli.simulation.arm_environment import ArmEnvironment
 from skillcli.tasks.push.settings import PushTask
@@ -34,6 +31,7 @@ class Joints:
     agent = SimpleNamespace(act=lambda observation, latent: np.pad(latent, ((0, 0), (0, 4))))
     mean = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 0.5, 0], [0, -0.5, 0], [0, 0, 0.5]])
     std = np.full((5, 3), 0.1)
+    goals = np.zeros((5, 3))
     names = ("left", "right", "down", "up", "still")
     world = world(ReachTask())
 
@@ -57,11 +55,11 @@ def segment(env: ArmEnvironment, seed: int, steps: int = 10) -> tuple[Array, lis
     return begun, applied, measured
 
 
-def leg(task: str = "reach", **sections: dict[str, object]) -> Leg:
+def planning(task: str = "reach", **sections: dict[str, object]) -> Replanner:
     recipe: Recipe = resolve({"name": "r", "task": {"name": task}, "search": {"segments": [0.1], "weight": 4.0}, **sections})
     library = Joints()
     library.world = world(recipe.task)
-    return Leg(library, recipe, np.zeros((0, 3)), (), 0, silent, Robots())  # type: ignore[arg-type]
+    return Replanner(library, recipe, "search")  # type: ignore[arg-type]
 
 
 # --- how a target obeys -----------------------------------------------------------------------------------------------
@@ -144,7 +142,7 @@ def next_label(replanner: Replanner) -> str:
 
 
 def test_what_tips_the_box_is_not_held_and_where_everything_does_something_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    replanner = Replanner(leg("push", transfer={"replan_budget": 2, "replan_batch": 1}), "search")
+    replanner = planning("push", transfer={"replan_budget": 2, "replan_batch": 1})
     free = next_label(replanner)
     turned = {"left": 1.0, "right": -1.0}
     tipping(monkeypatch, replanner, lambda env: np.sign(env.applied[:, 0]) == turned.get(free, 2.0))
@@ -155,7 +153,7 @@ def test_what_tips_the_box_is_not_held_and_where_everything_does_something_is(mo
 
 
 def test_limits_that_noise_breaks_by_itself_are_left_to_the_arm() -> None:
-    replanner = Replanner(leg("push"), "search")
+    replanner = planning("push")
     assert isinstance(replanner._world, LatentEnvironment)
     assert set(replanner._world.limits) == {"box_pressed", "box_tipped"} < set(SAFETY_LIMITS)
 
@@ -165,7 +163,7 @@ def test_limits_that_noise_breaks_by_itself_are_left_to_the_arm() -> None:
 
 def episode(goal: tuple[float, float, float], steps: int, **search: object) -> Trajectories:
     settings = {"segments": [0.1], "weight": 4.0, **search}
-    replanner = Replanner(leg(search=settings, transfer={"replan_budget": 4}), "search")
+    replanner = planning(search=settings, transfer={"replan_budget": 4})
     return replanner.episode(target(), np.array([goal]), steps, seed=0)
 
 

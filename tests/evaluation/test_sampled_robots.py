@@ -12,10 +12,8 @@ from command import made, skill
 from worlds import JOINTS, SAWYER, make, world
 
 from skillcli.config.randomization import PARAMETERS
-from skillcli.evaluation.planning import Leg
 from skillcli.evaluation.replanning import Replanner, _Mission
 from skillcli.evaluation.sampled_robots import Robots
-from skillcli.progress import silent
 from skillcli.recipe import Compose, resolve
 from skillcli.simulation.domains import find_domain
 from skillcli.store import Artifact, ArtifactId, Store
@@ -139,6 +137,7 @@ class Perfect:
 
     mean = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 0.5]])
     std = np.full((5, 3), 0.1)
+    goals = np.zeros((5, 3))
     names = ("left", "right", "down", "up", "still")
     world = world(ReachTask())
 
@@ -147,8 +146,7 @@ class Perfect:
 @pytest.mark.slow
 def test_replanning_arrives_although_the_robot_starts_elsewhere(push: float) -> None:
     recipe = resolve({"name": "r", "task": {"name": "reach"}, "search": {"segments": [0.1, 0.4], "weight": 4.0}})
-    leg = Leg(Perfect(), recipe, np.zeros((0, 3)), (), 0, silent, Robots())  # type: ignore[arg-type]
-    replanner = Replanner(leg, "search")
+    replanner = Replanner(Perfect(), recipe, "search")  # type: ignore[arg-type]
     target = make(recipe.task, 1)
     target.perturb({"start_offset": np.array([[push, 0, 0, 0, 0, 0, 0]])}, np.random.default_rng(0))
     target.reset(np.array([0]), np.array([0]))
@@ -163,8 +161,7 @@ def test_after_half_of_the_time_what_the_judge_takes_is_near_enough(monkeypatch:
     monkeypatch.setattr(_Mission, "_hopeless", lambda _: False)  # however sure a plan is to end nearer
     near = {"segments": [0.1], "weight": 4.0, "goal_tolerance": 1e-6}  # m: no two of these actions lead there
     recipe = resolve({"name": "r", "task": {"name": "reach"}, "search": near, "transfer": {"replan_budget": 4}})
-    leg = Leg(Perfect(), recipe, np.zeros((0, 3)), (), 0, silent, Robots())  # type: ignore[arg-type]
     target = make(recipe.task, 1)
     target.reset(np.array([0]), np.array([0]))
-    episode = Replanner(leg, "search").episode(target, np.array([[0.6, 0.1, 0.25]]), 60, seed=0)
+    episode = Replanner(Perfect(), recipe, "search").episode(target, np.array([[0.6, 0.1, 0.25]]), 60, seed=0)
     assert episode.success[0] and 30 <= episode.length[0] < 60

@@ -8,22 +8,23 @@ import numpy as np
 import pytest
 import torch
 
-from skillcli.composition.settings import Ddpg, Ppo
 from skillcli.errors import SkillError
 from skillcli.learning.composer import LatentBox, check_finite
-from skillcli.learning.ddpg import DdpgComposer, Replay
-from skillcli.learning.ppo import PpoComposer
+from skillcli.learning.ddpg import DdpgSettings
+from skillcli.learning.ddpg_composer import DdpgComposer, Replay
+from skillcli.learning.ppo import PpoSettings
+from skillcli.learning.ppo_composer import PpoComposer
 from skillcli.trajectories import Array
 
 pytestmark = pytest.mark.slow
 
 BOX = np.array([[-1.0, 0.0], [3.0, 2.0]])
 GOAL = np.array([2.2, 0.6])
-DDPG = Ddpg(
+DDPG = DdpgSettings(
     iterations=20, gradient_steps=40, simulations=16, hidden=(64, 64), learning_rate=3e-3, minibatch=64, discount=0.5,
     target_rate=0.05,
 )  # fmt: skip
-PPO = Ppo(iterations=30, simulations=64, hidden=(32,), epochs=10, learning_rate=5e-3)
+PPO = PpoSettings(iterations=30, simulations=64, hidden=(32,), epochs=10, learning_rate=5e-3)
 CHOICES = np.array([[-1.0, 0], [3, 0], [2, 1], [3, 2]])
 
 

@@ -1,0 +1,222 @@
+"""Uniform cost search over latents (Dijkstra 1959; with a heuristic, A*: Hart, Nilsson and Raphael 1968).
+
+A node is a simulator state reached by holding latents one after the other; its cost is the time that took. `ask` proposes
+(node, latent, duration) expansions, the cheapest nodes first, several at once; `tell` takes what they led to. The search
+never sees a simulator: states are opaque rows.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from skillcli.composition.latent_environment import Outcome
+from skillcli.composition.plan import Choices, Segment
+from skillcli.composition.route import Route, cautious
+from skillcli.trajectories import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """A state that some sequence of latents leads to."""
+
+    parent: Node | None
+    choice: int  # index into the choices, -1 at the root
+    steps: int  # control steps that the last latent was held
+    cost: float  # control steps from the start
+    due: Array  # (M,) index of the waypoint that has to be met next, on each robot
+    points: Array  # (M, L, 3) m, the landmarks, the judged point first
+    row: Array  # (S,) the simulator's state
+    speed: float  # m/s of the judged point at the end
+
+
+@dataclass(frozen=True)
+class SearchSetup:
+    """How to search; lengths in m, durations in control steps."""
+
+    durations: tuple[int, ...]
+    tolerance: float  # a waypoint is met within this
+    resolution: float  # states closer than this, with the same waypoint due, count as one
+    step_seconds: float
+    weight: float  # of the heuristic: 0 uniform cost, 1 A*, above 1 bounded suboptimal (Pohl 1970)
+    max_speed: float  # m/s of the judged point, for the heuristic, 0 for none
+    approach_speed: float  # m/s of the gripper on its way behind the box, 0 where there is none
+    half_edges: tuple[float, float]  # m, half of the edges of the box along x and y, 0 where there is none
+    final_speed: float  # m/s, the last waypoint counts as met only at or below this
+    budget: int  # expanded nodes
+
+
+class UniformCostSearch:
+    """The cheapest node first: time so far, plus the weighted time still needed at the top speed where one is given.
+
+    Args:
+        root: the start state.
+        points: (M, L, 3) m, the landmarks there on M robots: the judged point, and the gripper where that is a box.
+        waypoints: (W, 3) m, to be met in order, each at any step; the plan ends where the last one is met.
+        choices: latents.
+        settings: see `SearchSetup`.
+        barred: choices that lead nowhere from the start.
+    """
+
+    def __init__(
+        self,
+        root: Array,
+        points: Array,
+        waypoints: Array,
+        choices: Choices,
+        settings: SearchSetup,
+        barred: Collection[int] = (),
+    ) -> None:
+        self._barred = barred
+        self.waypoints, self.choices, self.settings = waypoints, choices, settings
+        self._route = Route(waypoints, settings.tolerance, settings.half_edges)
+        start = Node(None, -1, 0, 0.0, np.zeros(len(points), dtype=int), points, root, 0.0)
+        self._order = itertools.count()
+        self._open: list[tuple[float, int, Node]] = [(self._priority(start), next(self._order), start)]
+        self._cheapest: dict[tuple[int, ...], float] = {self._cell(start): start.cost}
+        self.best, self.goal = start, None if len(waypoints) else start
+        self.expanded = 0
+
+    @property
+    def finished(self) -> bool:
+        """Whether the cheapest plan is found, the budget is spent, or nothing is left to expand."""
+        while self._open and self._stale(self._open[0][2]):
+            heapq.heappop(self._open)
+        if not self._open or self.expanded >= self.settings.budget:
+            return True
+        return self.goal is not None and self.goal.cost <= self._open[0][0]
+
+    @property
+    def standing(self) -> str:
+        """How far the best plan so far comes."""
+        count = len(self.waypoints)
+        if self.goal is not None:
+            return f"a plan meets {'the waypoint' if count == 1 else f'all {count} waypoints'}"
+        left = float(self._route.way(self.best.due, self.best.points).max())
+        met = f"{int(self.best.due.min())} of {count} waypoints met, " if count > 1 else ""
+        return f"{met}{left:.3f} m to go"
+
+    def ask(self, count: int) -> list[Node]:
+        """The next nodes to expand, at most `count`; each is to be continued with every choice and duration."""
+        left = min(count, self.settings.budget - self.expanded)
+        nodes: list[Node] = []
+        while self._open and len(nodes) < left:
+            node = heapq.heappop(self._open)[2]
+            if not self._stale(node):
+                nodes.append(node)
+        self.expanded += len(nodes)
+        return nodes
+
+    def tell(self, nodes: Sequence[Node], choice: Array, outcome: Outcome, steps: int) -> list[Node]:
+        """Take what holding a choice (n,) from each of n nodes for some steps led to; returns the children kept."""
+        children = []
+        judged = outcome.path[:, :, :, 0]
+        speed = np.linalg.norm(np.diff(judged, axis=2), axis=3).mean(axis=1) / self.settings.step_seconds  # (n, steps)
+        dues, met = self._progress(np.array([node.due for node in nodes]), judged, speed)
+        for i, node in enumerate(nodes):
+            if outcome.failed[i].any() or (node.parent is None and int(choice[i]) in self._barred):
+                continue
+            held = int(met[i]) or steps  # a plan ends the moment its last goal is met
+            points = outcome.path[i, :, held]
+            child = Node(
+                node, int(choice[i]), held, node.cost + held, dues[i], points, outcome.rows[i], float(speed[i, held - 1])
+            )
+            cell = self._cell(child)
+            if child.cost >= self._cheapest.get(cell, float("inf")):
+                continue
+            self._cheapest[cell] = child.cost
+            children.append(child)
+            self._keep(child)
+        return children
+
+    def plan(self, node: Node) -> list[Segment]:
+        """The segments that lead to a node; the same latent twice in a row becomes one segment."""
+        segments: list[Segment] = []
+        held = -1  # choice of the segment that comes next
+        while node.parent is not None:
+            if node.choice == held:
+                segments[0] = replace(segments[0], steps=segments[0].steps + node.steps)
+            else:
+                latent, skill = self.choices.latent[node.choice], int(self.choices.skill[node.choice])
+                segments.insert(0, Segment(latent, skill, self.choices.label[node.choice], node.steps))
+            node, held = node.parent, node.choice
+        return segments
+
+    def _stale(self, node: Node) -> bool:
+        """Whether a cheaper way to the node's cell was found after the node was."""
+        return node.cost > self._cheapest[self._cell(node)]
+
+    def _keep(self, child: Node) -> None:
+        if self._met(child):
+            if self.goal is None or child.cost < self.goal.cost:
+                self.goal = self.best = child
+            return
+        heapq.heappush(self._open, (self._priority(child), next(self._order), child))
+        # whatever latent is held moves the arm: standing still at the root is no plan, however near the root is
+        if self.goal is None and (self.best.parent is None or self._merit(child) < self._merit(self.best)):
+            self.best = child
+
+    def _met(self, node: Node) -> bool:
+        """Whether every waypoint is behind a node."""
+        return bool(node.due.min() >= len(self.waypoints))
+
+    def _progress(self, due: Array, path: Array, speed: Array) -> tuple[Array, Array]:
+        """Which waypoint is due behind each path, and the step at which the last one was met, 0 where it was not.
+
+        Args:
+            due: (n, M) before.
+            path: (n, M, T+1, 3) m.
+            speed: (n, T) m/s.
+        """
+        last, tolerance = len(self.waypoints) - 1, self.settings.tolerance
+        due, met = due.copy(), np.zeros(len(path), dtype=int)
+        for t in range(1, path.shape[2]):
+            for _ in range(last):  # waypoints may lie so close that one step meets several
+                near = np.linalg.norm(path[:, :, t] - self.waypoints[np.minimum(due, last)], axis=2) <= tolerance
+                passed = (met == 0)[:, None] & near & (due < last)
+                if not passed.any():
+                    break
+                due += passed
+            gap = cautious(np.linalg.norm(path[:, :, t] - self.waypoints[last], axis=2))
+            slow = speed[:, t - 1] <= self.settings.final_speed
+            met[(met == 0) & (due == last).all(axis=1) & slow & (gap <= tolerance)] = t
+        due[met > 0] = last + 1
+        return due, met
+
+    def _remaining(self, node: Node) -> float:
+        """Length of the straight way through all waypoints that are due, m."""
+        return 0.0 if self._met(node) else self.way_left(node)
+
+    def way_left(self, node: Node) -> float:
+        """The same, where the last waypoint stays due, m."""
+        return float(cautious(self._route.way(np.minimum(node.due, len(self.waypoints) - 1), node.points)))
+
+    def _priority(self, node: Node) -> float:
+        if self._met(node):
+            return node.cost
+        seconds = 0.0
+        if self.settings.max_speed > 0:
+            # each waypoint may be met a tolerance early and left a tolerance late: less way than the straight one
+            slack = self.settings.tolerance * (2 * (len(self.waypoints) - int(node.due.min())) - 1)
+            seconds += max(0.0, self._remaining(node) - slack) / self.settings.max_speed
+        if self.settings.approach_speed > 0:
+            seconds += float(cautious(self._route.detour(node.due, node.points))) / self.settings.approach_speed
+        return node.cost + self.settings.weight * seconds / self.settings.step_seconds
+
+    def _merit(self, node: Node) -> tuple[int, float]:
+        """How far from the end a node is, for the best plan where none meets everything."""
+        return (-int(node.due.min()), self._remaining(node))
+
+    def _cell(self, node: Node) -> tuple[int, ...]:
+        """States that count as one: judged points in one cell, other landmarks in cells of twice the size.
+
+        Of several robots it is the middle one's place that counts: no two plans would ever meet on all of them.
+        """
+        points = node.points.mean(axis=0)
+        size = np.where(np.arange(len(points)) == 0, 1.0, 2.0) * self.settings.resolution
+        at = np.floor(points / size[:, None]).astype(int).ravel()
+        return (int(node.due.min()), *at.tolist(), int(node.speed > self.settings.final_speed))

@@ -1,0 +1,118 @@
+"""Proximal policy optimisation over latents, with the on-policy learner's own functions: advantages, surrogate, step size."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from skillcli.learning import gaussian
+from skillcli.learning.composer import Head, LatentBox, Normalizer, Trace, arrays_of, check_finite, descend, tensor
+from skillcli.learning.gae import advantages
+from skillcli.learning.ppo import PpoSettings
+from skillcli.learning.te_ppo import adapted_learning_rate, approximate_kl, surrogate_loss
+from skillcli.seeding import generator, torch_generator
+from skillcli.trajectories import Array
+
+MIN_STD = 0.02  # of the exploration, in units of half the latent box
+
+
+class PpoComposer:
+    """See `composition.episodes.Composer`. pi(z|s) is a Gaussian in units of the latent box; what leaves it is clipped.
+
+    Args:
+        features: size f of what is seen.
+        box: (2, d) lowest and highest latent.
+        settings: the recipe's.
+        seed: of weights and chance.
+    """
+
+    def __init__(self, features: int, box: Array, settings: PpoSettings, seed: int) -> None:
+        torch.set_num_threads(1)  # results must not depend on how many cores there are
+        self._settings, self._rng, size = settings, generator(seed, "ppo"), box.shape[1]
+        self._box = LatentBox(box)
+        make = torch_generator(seed, "ppo")
+        self.normalizer = Normalizer(features)
+        self.policy = Head(features, settings.hidden, size, True, 0.01, make)
+        self.value = Head(features, settings.hidden, 1, False, 1.0, make)
+        self.log_std = torch.nn.Parameter(torch.full((size,), math.log(settings.initial_std)))
+        self._actor = torch.optim.Adam([*self.policy.parameters(), self.log_std], lr=settings.learning_rate)
+        self._critic = torch.optim.Adam(self.value.parameters(), lr=settings.learning_rate)
+        self._trace = Trace()
+        self._round = 0
+
+    @torch.no_grad()
+    def choose(self, features: Array) -> Array:
+        """See `Composer`."""
+        mean = self.policy(self.normalizer(tensor(features)))
+        noise = tensor(self._rng.standard_normal(mean.shape))
+        noise[0] = 0.0
+        unit = mean + self.log_std.exp() * noise
+        self._trace.chose(features, unit.numpy())
+        return self._box.latent(unit.numpy())
+
+    def learn(self, reward: Array, features: Array, terminated: Array) -> None:
+        """See `Composer`."""
+        self._trace.led(reward, features, terminated)
+
+    def improve(self, valid: Array) -> dict[str, float]:
+        """See `Composer`; the first episode is left out, it was not drawn from the policy."""
+        on_policy = valid.copy()
+        on_policy[:, 0] = False
+        seen = tensor(np.stack(self._trace.seen))  # (T+1, N, f)
+        if self._round == 0:  # before the first update there is nothing to normalise by
+            self.normalizer.update(seen.flatten(0, 1))
+        logged = self._update(self.normalizer(seen), tensor(np.stack(self._trace.units)), on_policy)
+        if self._round > 0:
+            self.normalizer.update(seen.flatten(0, 1))
+        self._trace = Trace()
+        self._round += 1
+        check_finite("ppo", logged, self.policy, self.value)
+        return logged
+
+    def arrays(self) -> dict[str, Array]:
+        """See `Composer`."""
+        weights = arrays_of(normalizer=self.normalizer, policy=self.policy, value=self.value)
+        return {**weights, "policy.log_std": self.log_std.detach().numpy().copy()}
+
+    def _update(self, seen: Tensor, unit: Tensor, valid: Array) -> dict[str, float]:
+        """Several epochs over one round: normalised features (T+1, N, f), units (T, N, d), valid (T, N)."""
+        settings, chosen = self._settings, torch.from_numpy(valid)
+        with torch.no_grad():
+            value = self.value(seen).squeeze(-1).numpy()
+            old = gaussian.log_prob(unit, self.policy(seen[:-1]), self.log_std.exp())[chosen]
+        advantage = advantages(
+            np.stack(self._trace.rewards), value[:-1], value[-1], np.stack(self._trace.terminated), valid,
+            settings.discount, settings.gae_lambda,
+        )  # fmt: skip
+        target = tensor(advantage + value[:-1])[chosen]
+        flat = tensor(advantage)[chosen]
+        standard = (flat - flat.mean()) / (flat.std() + 1e-8)
+        return self._epochs(seen[:-1][chosen], unit[chosen], old, standard, target)
+
+    def _epochs(self, seen: Tensor, unit: Tensor, old: Tensor, advantage: Tensor, target: Tensor) -> dict[str, float]:
+        settings, divergence, value_loss = self._settings, 0.0, torch.zeros(())
+        for _ in range(settings.epochs):
+            order = self._rng.permutation(len(seen))
+            divergences = []
+            for piece in np.array_split(order, max(1, round(len(order) / settings.minibatch))):
+                at = torch.from_numpy(piece)
+                log_prob = gaussian.log_prob(unit[at], self.policy(seen[at]), self.log_std.exp())
+                loss = surrogate_loss(log_prob, old[at], advantage[at], settings.clip)
+                descend(self._actor, loss, settings.max_grad_norm)
+                with torch.no_grad():
+                    self.log_std.clamp_(math.log(MIN_STD), 0.0)
+                value_loss = (self.value(seen[at]).squeeze(-1) - target[at]).square().mean()
+                descend(self._critic, value_loss, settings.max_grad_norm)
+                divergences.append(float(approximate_kl(log_prob.detach(), old[at])))
+            divergence = sum(divergences) / len(divergences)
+            group = self._actor.param_groups[0]
+            group["lr"] = adapted_learning_rate(group["lr"], divergence, settings.target_kl)
+        return {
+            "kl": divergence,
+            "value_loss": float(value_loss.detach()),
+            "learning_rate": self._actor.param_groups[0]["lr"],
+            "latent_std": float(self.log_std.detach().exp().mean()),
+        }
