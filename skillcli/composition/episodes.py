@@ -1,6 +1,6 @@
 """A composition as a decision problem for a composer that learns: episodes from the start, an action is a latent.
 
-What the composer sees: the observation of the robot, and the landmarks as seen from the waypoint that is due. What it gets
+What the composer sees: the observation of the robot, and the keypoints as seen from the next waypoint. What it gets
 after each segment: minus the metres that were left to go, on average over its control steps. An episode is over when the
 last waypoint is met or a simulation fails (termination), or when time is up (truncation).
 """
@@ -74,7 +74,7 @@ class Episodes:
 
     Args:
         row: (S,) the start state.
-        points: (L, 3) m, the landmarks there.
+        keypoints: (L, 3) m, there.
         observation: (o,) there.
         route: where to go.
         composer: learns.
@@ -85,12 +85,12 @@ class Episodes:
     """
 
     def __init__(
-        self, row: Array, points: Array, observation: Array, route: Route, composer: Composer, num: int, steps: int,
+        self, row: Array, keypoints: Array, observation: Array, route: Route, composer: Composer, num: int, steps: int,
         segments: int, settings: EpisodeSettings,
     ) -> None:  # fmt: skip
         self._route, self._composer, self._settings = route, composer, settings
         self._steps, self._segments = steps, segments
-        self._start = np.tile(row, (num, 1)), np.tile(points, (num, 1, 1)), np.tile(observation, (num, 1))
+        self._start = np.tile(row, (num, 1)), np.tile(keypoints, (num, 1, 1)), np.tile(observation, (num, 1))
         self.curves: dict[str, list[float]] = {}
         self.best: tuple[float, float, int] = (np.inf, np.inf, 0)  # waypoints missed, m from the last one, control steps
         self.weights: dict[str, Array] = {}  # of the composer that played it
@@ -99,11 +99,12 @@ class Episodes:
         self._begin()
 
     def _begin(self) -> None:
-        self._rows, points, observation = self._start
+        self._rows, keypoints, observation = self._start
         num = len(self._rows)
-        self._due, self._failed, self._arrived = np.zeros(num, dtype=int), np.zeros(num, dtype=bool), np.zeros(num, dtype=bool)
+        self._next_waypoint = np.zeros(num, dtype=int)
+        self._failed, self._arrived = np.zeros(num, dtype=bool), np.zeros(num, dtype=bool)
         self._return: Array = np.zeros(num)
-        self._features = features_of(self._route, self._due, points, observation)
+        self._features = features_of(self._route, self._next_waypoint, keypoints, observation)
         self._chosen: list[Array] = []
         self._valid: list[Array] = []
         self._greedy: list[Segment] = []  # what episode 0 did
@@ -132,24 +133,24 @@ class Episodes:
     def tell(self, outcome: Outcome) -> None:
         """See `Planner`."""
         running = ~(self._failed | self._arrived)
-        walk = self._route.follow(self._due[:, None], outcome.path, self._settings.goal_tolerance)
+        progress = self._route.follow(self._next_waypoint[:, None], outcome.path, self._settings.goal_tolerance)
         broken, path = outcome.failed[:, 0], outcome.path[:, 0]  # a composer learns on one robot
-        failed, arrived = broken & running, (walk.arrived > 0) & running & ~broken
-        reward = -self._settings.reward_scale * np.where(failed, FAILED, walk.cost / self._steps)
+        failed, arrived = broken & running, (progress.arrived > 0) & running & ~broken
+        reward = -self._settings.reward_scale * np.where(failed, FAILED, progress.cost / self._steps)
         self._control_steps += int(running.sum()) * self._steps
-        self._due = np.where(running, walk.due[:, 0], self._due)
+        self._next_waypoint = np.where(running, progress.next_waypoint[:, 0], self._next_waypoint)
         self._failed |= failed
         self._arrived |= arrived
         if running[0]:
-            self._follow(path[0], int(walk.arrived[0]))
+            self._follow(path[0], int(progress.arrived[0]))
         # where an episode is over, nothing is looked at or stepped again: the state may be broken
         state = outcome.rows, path[:, -1], outcome.observation[:, 0]
         over = self._failed | self._arrived
-        self._rows, points, observation = (
+        self._rows, keypoints, observation = (
             np.where(over.reshape(-1, *(1,) * (now.ndim - 1)), start, now)
             for start, now in zip(self._start, state, strict=True)
         )
-        self._features = features_of(self._route, self._due, points, observation)
+        self._features = features_of(self._route, self._next_waypoint, keypoints, observation)
         self._composer.learn(reward, self._features, failed | arrived)
         self._valid.append(running)
         self._return += np.where(running, reward, 0.0)
@@ -164,7 +165,7 @@ class Episodes:
 
     def _end(self) -> None:
         """A round is over: keep the plan of episode 0 where it is the best so far, and let the composer learn."""
-        missed = len(self._route.waypoints) - 1 - int(self._due[0])
+        missed = len(self._route.waypoints) - 1 - int(self._next_waypoint[0])
         gap = max(self._gap, self._settings.goal_tolerance if self._arrived[0] else 0.0)  # who arrives first wins, not closest
         ended = (float(missed), gap, sum(segment.steps for segment in self._greedy))
         if not self._failed[0] and ended < self.best:
@@ -183,20 +184,20 @@ class Episodes:
         self._begin()
 
 
-def features_of(route: Route, due: Array, points: Array, observation: Array) -> Array:
+def features_of(route: Route, next_waypoint: Array, keypoints: Array, observation: Array) -> Array:
     """What a composer sees: (n,), (n, L, 3) and (n, o) to (n, o + 3 L)."""
-    return np.concatenate([observation, route.gap(due, points).reshape(len(points), -1)], axis=1)
+    return np.concatenate([observation, route.gap(next_waypoint, keypoints).reshape(len(keypoints), -1)], axis=1)
 
 
 def learn_to_plan(problem: PlanningProblem, make_composer: Callable[[int], Composer]) -> PlanResult:
     """Let a composer learn on one route; it is made for so many features."""
     settings = problem.settings_as(EpisodeSettings)
     steps, world = problem.steps(settings.segment), problem.make_world(settings.simulations)
-    row, points = world.start()
-    points, observation = points[0], world.observe(row)[0]
+    row, keypoints = world.start()
+    keypoints, observation = keypoints[0], world.observe(row)[0]
     planner = Episodes(
-        row, points, observation, problem.route,
-        make_composer(observation.size + points.size),
+        row, keypoints, observation, problem.route,
+        make_composer(observation.size + keypoints.size),
         num=settings.simulations,
         steps=steps,
         segments=problem.segments(settings.seconds, steps),

@@ -48,7 +48,7 @@ class Simulations(Protocol):
 class Outcome:
     """What held latents led to."""
 
-    path: Array  # (n, M, T+1, L, 3) m, of the landmarks on M robots, the judged point first; row 0 before the first step
+    path: Array  # (n, M, T+1, L, 3) m, keypoints on M robots, the judged one first; row 0 before the first step
     failed: Array  # (n, M) bool
     rows: Array  # (n, S) whole states of all robots behind the last step
     observation: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))  # (n, M, o) what the policy sees there
@@ -73,7 +73,7 @@ class LatentEnvironment:
         self.held = 0  # latents that were held so far, each from one state
 
     def start(self) -> tuple[Array, Array]:
-        """State (S,) and landmarks (M, L, 3) of slot 0 as it stands."""
+        """State (S,) and keypoints (M, L, 3) m of slot 0 as it stands."""
         first = np.arange(self.robots)
         return self._env.save(first).ravel(), self._env.landmarks()[first]
 

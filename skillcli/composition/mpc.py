@@ -13,7 +13,7 @@ from skillcli.composition.latent_environment import Outcome
 from skillcli.composition.method import MethodSettings, MethodSpec, Option, PlanningProblem, PlanResult
 from skillcli.composition.plan import Segment
 from skillcli.composition.planner import Proposal
-from skillcli.composition.route import Route, Walk, cautious
+from skillcli.composition.route import Route, RouteProgress, risk_adjusted
 from skillcli.config.base import value
 from skillcli.seeding import generator
 from skillcli.trajectories import Array
@@ -43,24 +43,24 @@ class MpcSettings(MethodSettings):
 class Trial:
     """Sequences of H latents under way, all from one state, segment by segment."""
 
-    def __init__(self, sequences: Array, row: Array, due: Array) -> None:
+    def __init__(self, sequences: Array, row: Array, next_waypoint: Array) -> None:
         count = len(sequences)
         self.sequences = sequences  # (n, H, d)
         self.rows = np.tile(row, (count, 1))
-        self.due = np.tile(due, (count, 1))  # (n, M)
+        self.next_waypoint = np.tile(next_waypoint, (count, 1))  # (n, M)
         self.cost, self.over = np.zeros(count), np.zeros(count, dtype=bool)
         self.segment = 0  # how many were tried already
-        self.first: tuple[Array, Array, Walk] | None = None  # what the first one led to: rows, landmarks, walk
+        self.first: tuple[Array, Array, RouteProgress] | None = None  # what the first one led to: rows, keypoints
 
     def take(self, outcome: Outcome, route: Route, within: float) -> None:
         """What the present segment led to; a sequence that arrived costs nothing more."""
-        walk = route.follow(self.due, outcome.path, within)
+        progress = route.follow(self.next_waypoint, outcome.path, within)
         failed = outcome.failed.any(axis=1)
-        self.cost += np.where(self.over, 0.0, walk.cost) + np.where(failed & ~self.over, FAILED, 0.0)
-        self.over |= (walk.arrived > 0) | failed
-        self.due, self.rows = walk.due, np.where(self.over[:, None], self.rows, outcome.rows)
+        self.cost += np.where(self.over, 0.0, progress.cost) + np.where(failed & ~self.over, FAILED, 0.0)
+        self.over |= (progress.arrived > 0) | failed
+        self.next_waypoint, self.rows = progress.next_waypoint, np.where(self.over[:, None], self.rows, outcome.rows)
         if self.first is None:
-            self.first = outcome.rows, outcome.path, walk
+            self.first = outcome.rows, outcome.path, progress
         self.segment += 1
 
 
@@ -69,7 +69,7 @@ class ModelPredictiveControl:
 
     Args:
         row: (S,) the start state.
-        points: (M, L, 3) m, the landmarks there, on M robots.
+        keypoints: (M, L, 3) m, there, on M robots.
         route: where to go.
         means: (K, d) of the skills; holding each is among the first sequences tried before every segment.
         bounds: (2, d) lowest and highest latent.
@@ -80,17 +80,19 @@ class ModelPredictiveControl:
     """
 
     def __init__(
-        self, row: Array, points: Array, route: Route, means: Array, bounds: Array, settings: MpcSettings, steps: int,
+        self, row: Array, keypoints: Array, route: Route, means: Array, bounds: Array, settings: MpcSettings, steps: int,
         longest: int, rng: np.random.Generator,
     ) -> None:  # fmt: skip
-        self._row, self._points, self._due = row, points, np.zeros(len(points), dtype=int)
+        self._row, self._keypoints, self._next_waypoint = row, keypoints, np.zeros(len(keypoints), dtype=int)
         self._route, self._means, self._settings = route, means, settings
         self._bounds, self._steps, self._longest, self._rng = bounds, steps, longest, rng
         self._half = (bounds[1] - bounds[0]) / 2
         self._mean = np.tile(bounds.mean(axis=0), (settings.lookahead, 1))  # (H, d)
         self._spread = np.tile(self._half, (settings.lookahead, 1))
         self._segments: list[Segment] = []
-        self._arrived = len(route.waypoints) == 1 and float(cautious(route.final_gap(points))) <= settings.goal_tolerance
+        self._arrived = (
+            len(route.waypoints) == 1 and float(risk_adjusted(route.final_gap(keypoints))) <= settings.goal_tolerance
+        )
         self._round = 0
         self._trial = self._draw()
 
@@ -102,18 +104,18 @@ class ModelPredictiveControl:
     @property
     def done(self) -> tuple[int, int, str]:
         """See `Planner`."""
-        left = float(cautious(self._route.left(self._due, self._points)))
+        left = float(risk_adjusted(self._route.cost_to_go(self._next_waypoint, self._keypoints)))
         return len(self._segments), self._longest, f"{left:.3f} m to go"
 
     @property
-    def to_go(self) -> float:
+    def remaining_length(self) -> float:
         """What the segments so far leave of the way straight through all waypoints, m."""
-        return float(cautious(self._route.way(self._due, self._points)))
+        return float(risk_adjusted(self._route.remaining_length(self._next_waypoint, self._keypoints)))
 
     @property
     def next_place(self) -> Array:
         """Where the judged point is behind the segments so far, (3,) m, in the mean over the robots."""
-        place: Array = self._points[:, 0].mean(axis=0)
+        place: Array = self._keypoints[:, 0].mean(axis=0)
         return place
 
     def plan(self) -> list[Segment]:
@@ -138,7 +140,7 @@ class ModelPredictiveControl:
         held = np.repeat(self._means[:, None], settings.lookahead, axis=1) if best is None else best[None]
         known = np.concatenate([self._mean[None], held])[: settings.samples]
         drawn[: len(known)] = known
-        return Trial(drawn, self._row, self._due)
+        return Trial(drawn, self._row, self._next_waypoint)
 
     def _judge(self) -> None:
         """A round is over: narrow down around the elites, or take the first latent of the best sequence."""
@@ -156,10 +158,10 @@ class ModelPredictiveControl:
     def _take(self, best: int) -> None:
         """Go on from where the first latent of a sequence led; the rest of the sequence is what is drawn around next."""
         assert self._trial.first is not None
-        rows, path, walk = self._trial.first
-        arrived = int(walk.arrived[best])
+        rows, path, progress = self._trial.first
+        arrived = int(progress.arrived[best])
         steps = arrived or self._steps
-        self._row, self._points, self._due = rows[best], path[best, :, steps], walk.due[best]
+        self._row, self._keypoints, self._next_waypoint = rows[best], path[best, :, steps], progress.next_waypoint[best]
         sequence = self._trial.sequences[best]
         self._segments.append(Segment(sequence[0], -1, "latent", steps))
         self._arrived = arrived > 0
@@ -169,12 +171,12 @@ class ModelPredictiveControl:
 
 
 def mpc_from(
-    problem: PlanningProblem, row: Array, points: Array, waypoints: Array, longest: int, rng: np.random.Generator
+    problem: PlanningProblem, row: Array, keypoints: Array, waypoints: Array, longest: int, rng: np.random.Generator
 ) -> ModelPredictiveControl:
-    """Model predictive control from a state (S,) with landmarks (M, L, 3) m to waypoints, for some segments at most."""
+    """Model predictive control from a state (S,) with keypoints (M, L, 3) m to waypoints, for some segments at most."""
     settings = problem.settings_as(MpcSettings)
     route, steps = problem.towards(waypoints), problem.steps(settings.segment)
-    return ModelPredictiveControl(row, points, route, problem.mean, problem.bounds, settings, steps, longest, rng)
+    return ModelPredictiveControl(row, keypoints, route, problem.mean, problem.bounds, settings, steps, longest, rng)
 
 
 def plan(problem: PlanningProblem) -> PlanResult:

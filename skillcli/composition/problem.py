@@ -12,7 +12,7 @@ from skillcli.composition.latent_environment import LatentEnvironment
 from skillcli.composition.plan import Segment
 from skillcli.composition.planner import Planner
 from skillcli.composition.planner import run as run_planner
-from skillcli.composition.route import Route
+from skillcli.composition.route import STRAIGHT, CostToGo, Route
 from skillcli.config.base import Section
 from skillcli.progress import Progress, Report, silent
 from skillcli.trajectories import Array
@@ -50,7 +50,7 @@ class PlanningProblem:
     horizon: int  # control steps of an episode
     make_world: Callable[[int], LatentEnvironment]  # room for that many latents to be held at once, at the start
     hold_to_end: Callable[[Array, Array], Array]  # latents (n, d) and targets (n, 3) m to where held latents end, (n, 3) m
-    half_edges: tuple[float, float] = (0.0, 0.0)  # m, half of the edges of the box along x and y, 0 where there is none
+    cost_to_go: CostToGo = STRAIGHT
     entries: tuple[Entry, ...] = ()  # of a plan that is written by hand
     robots: int = 1  # that every latent is tried on
     seed: int = 0
@@ -68,7 +68,7 @@ class PlanningProblem:
 
     def towards(self, waypoints: Array) -> Route:
         """The way through these waypoints (W, 3) m."""
-        return Route(waypoints, self.tolerance, self.half_edges)
+        return Route(waypoints, self.tolerance, self.cost_to_go)
 
     def settings_as(self, kind: type[Settings]) -> Settings:
         """The settings, which are of this kind."""

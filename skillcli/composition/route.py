@@ -4,26 +4,52 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
-from skillcli.tasks.push.geometry import place_behind, share
 from skillcli.trajectories import Array
 
 CAUTION = 0.5  # standard deviations over the robots that count on top of their mean
 
 
-def cautious(values: Array) -> Array:
+def risk_adjusted(values: Array) -> Array:
     """One number for what differs between robots, mean plus `CAUTION` standard deviations: (n, M) to (n,)."""
     number: Array = values.mean(axis=-1) + CAUTION * values.std(axis=-1)
     return number
 
 
-@dataclass(frozen=True, eq=False)
-class Walk:
-    """What n paths got done, each walked by M robots."""
+class CostToGo(Protocol):
+    """What a state has before it to one waypoint. A task supplies it where the straight distance does not say it all."""
 
-    due: Array  # (n, M) the waypoint that is due at the end
+    def distance(self, keypoints: Array, waypoint: Array) -> Array:
+        """From keypoints (..., L, 3) m, the judged one first, to a waypoint (..., 3) m: what is left to go, (...,) m."""
+
+    def detour(self, keypoints: Array, waypoint: Array) -> Array:
+        """What has to be gone beside that before anything moves on, a gripper's way behind a box say, (...,) m."""
+
+
+class StraightDistance:
+    """See `CostToGo`: as the crow flies."""
+
+    def distance(self, keypoints: Array, waypoint: Array) -> Array:
+        """See `CostToGo`."""
+        distance: Array = np.linalg.norm(keypoints[..., 0, :] - waypoint, axis=-1)
+        return distance
+
+    def detour(self, keypoints: Array, waypoint: Array) -> Array:
+        """See `CostToGo`: none."""
+        return np.zeros(keypoints.shape[:-2])
+
+
+STRAIGHT = StraightDistance()
+
+
+@dataclass(frozen=True, eq=False)
+class RouteProgress:
+    """How far n paths come, each gone by M robots."""
+
+    next_waypoint: Array  # (n, M) index of the waypoint to be met next, at the end
     arrived: Array  # (n,) the step at which the last waypoint was met by all, 0 where it was not
     cost: Array  # (n,) m, what was left to go after each step, summed up to there
 
@@ -32,70 +58,60 @@ class Walk:
 class Route:
     """Waypoints to be passed in order; at the last one the judged point should stay.
 
-    Where there is a box, the first two landmarks are the box and the gripper, which is led to where it can push the box
-    straight at the waypoint that is due: without that a box that nobody touches looks the same whatever the gripper does.
+    Keypoints tell how things stand: the judged point first, then what the task adds, a gripper beside a box say.
     """
 
     waypoints: Array  # (W, 3) m
     tolerance: float  # m, a waypoint before the last is passed within this
-    half_edges: tuple[float, float] = (0.0, 0.0)  # m, half of the edges of the box along x and y, 0 where there is none
-    approach: float = 0.25  # metres to go that a metre between gripper and that place counts for
+    to_waypoint: CostToGo = STRAIGHT
+    detour_weight: float = 0.25  # metres to go that a metre of detour counts for
 
-    def follow(self, due: Array, path: Array, within: float = 0.0) -> Walk:
-        """What a path gets done: (n, M) indices of the waypoints that are due, and (n, M, T+1, L, 3) m landmarks.
+    def follow(self, next_waypoint: Array, path: Array, within: float = 0.0) -> RouteProgress:
+        """How far a path comes: (n, M) indices of the next waypoints, and (n, M, T+1, L, 3) m keypoints.
 
-        Row 0 of the path has been looked at before. The last waypoint stays due; the path is over where all robots have it
-        due and come, cautiously counted, `within` that many metres of it. Nothing counts from there on.
+        Row 0 of the path has been looked at before. The last waypoint stays the next one; the path is over where all robots are
+        on their way to it and come, risk adjusted, `within` that many metres of it. Nothing counts from there on.
         """
-        due, arrived = due.copy(), np.zeros(len(path), dtype=int)
+        now_next, arrived = next_waypoint.copy(), np.zeros(len(path), dtype=int)
         cost: Array = np.zeros(len(path))
         last = len(self.waypoints) - 1
         for t in range(1, path.shape[2]):
             now, under_way = path[:, :, t], arrived == 0
-            gap = np.linalg.norm(now[..., 0, :] - self.waypoints[due], axis=-1)
-            due += under_way[:, None] & (gap <= self.tolerance) & (due < last)
-            there = (due == last).all(axis=1) & (cautious(self.final_gap(now)) <= within)
+            gap = np.linalg.norm(now[..., 0, :] - self.waypoints[now_next], axis=-1)
+            now_next += under_way[:, None] & (gap <= self.tolerance) & (now_next < last)
+            there = (now_next == last).all(axis=1) & (risk_adjusted(self.final_gap(now)) <= within)
             arrived[under_way & there] = t
-            cost += np.where(arrived == 0, cautious(self.left(due, now)), 0.0)
-        return Walk(due, arrived, cost)
+            cost += np.where(arrived == 0, risk_adjusted(self.cost_to_go(now_next, now)), 0.0)
+        return RouteProgress(now_next, arrived, cost)
 
-    def gap(self, due: Array, points: Array) -> Array:
-        """Landmarks (..., L, 3) m as seen from the waypoint (...,) that is due, (..., L, 3) m."""
-        gap: Array = points - self.waypoints[due][..., None, :]
+    def gap(self, next_waypoint: Array, keypoints: Array) -> Array:
+        """Keypoints (..., L, 3) m as seen from the next waypoint (...,), (..., L, 3) m."""
+        gap: Array = keypoints - self.waypoints[next_waypoint][..., None, :]
         return gap
 
-    def left(self, due: Array, points: Array) -> Array:
-        """Metres to go for landmarks (..., L, 3) m: to the waypoint due, on through the others, and the approach; (...,).
+    def cost_to_go(self, next_waypoint: Array, keypoints: Array) -> Array:
+        """Metres to go from keypoints (..., L, 3) m: the remaining length, and the detour by its weight; (...,)."""
+        detour = self.detour(next_waypoint, keypoints)
+        cost: Array = self.remaining_length(next_waypoint, keypoints) + self.detour_weight * detour
+        return cost
 
-        Without a box there is no approach, whatever the landmarks behind the first are.
-        """
-        left = self.way(due, points)
-        if any(self.half_edges):
-            left += self.approach * self.detour(due, points)
-        return left
+    def remaining_length(self, next_waypoint: Array, keypoints: Array) -> Array:
+        """To the next waypoint, and straight on through the others, (..., L, 3) m to (...,) m."""
+        to_next = self.to_waypoint.distance(keypoints, self.waypoints[next_waypoint])
+        length: Array = to_next + self._length_behind[next_waypoint]
+        return length
 
-    def way(self, due: Array, points: Array) -> Array:
-        """From the judged point straight to the waypoint that is due and on through the others, (..., L, 3) m to (...,) m."""
-        way: Array = np.linalg.norm(points[..., 0, :] - self.waypoints[due], axis=-1) + self._legs_behind[due]
-        return way
+    def detour(self, next_waypoint: Array, keypoints: Array) -> Array:
+        """What has to be gone before anything moves on to the next waypoint, (..., L, 3) m to (...,) m."""
+        return self.to_waypoint.detour(keypoints, self.waypoints[next_waypoint])
 
     @cached_property
-    def _legs_behind(self) -> Array:
+    def _length_behind(self) -> Array:
         """Length of the route behind each waypoint, (W,) m."""
-        legs = np.linalg.norm(np.diff(self.waypoints, axis=0), axis=1)
-        return np.concatenate([np.cumsum(legs[::-1])[::-1], [0.0]])
+        lengths = np.linalg.norm(np.diff(self.waypoints, axis=0), axis=1)
+        return np.concatenate([np.cumsum(lengths[::-1])[::-1], [0.0]])
 
-    def final_gap(self, points: Array) -> Array:
+    def final_gap(self, keypoints: Array) -> Array:
         """Distance of the judged point to the last waypoint, (..., L, 3) m to (...,) m."""
-        gap: Array = np.linalg.norm(points[..., 0, :] - self.waypoints[-1], axis=-1)
+        gap: Array = np.linalg.norm(keypoints[..., 0, :] - self.waypoints[-1], axis=-1)
         return gap
-
-    def detour(self, due: Array, points: Array) -> Array:
-        """From the gripper to where it can push the box straight at the waypoint, seen from above, (...,) m.
-
-        Counts less and less within `pushing.FADE` of the waypoint.
-        """
-        box, gripper, goal = points[..., 0, :2], points[..., 1, :2], self.waypoints[due, :2]
-        way = np.linalg.norm(gripper - place_behind(box, goal, np.array(self.half_edges)), axis=-1)
-        detour: Array = share(np.linalg.norm(goal - box, axis=-1)) * way
-        return detour

@@ -79,8 +79,8 @@ class Expansions:
         self._parents = [node for node in nodes for _ in range(count)]
         self._choice: Array = np.tile(np.arange(count), len(nodes))
         self._rows = np.stack([node.row for node in self._parents])
-        robots, *landmarks = self.search.best.points.shape
-        self._path: Array = np.empty((len(self._parents), robots, 0, *landmarks))
+        robots, *shape = self.search.best.keypoints.shape
+        self._path: Array = np.empty((len(self._parents), robots, 0, *shape))
         self._failed: Array = np.zeros((len(self._parents), robots), dtype=bool)
         self._left, self._held = list(self._durations), 0
         self.replayed += sum(node.cost for node in self._parents)
@@ -100,9 +100,9 @@ class Expansions:
         return self.search.plan(self.search.best)
 
     @property
-    def to_go(self) -> float:
+    def remaining_length(self) -> float:
         """What the best plan leaves of the way straight through all waypoints, m; of the last one's tolerance too."""
-        return self.search.way_left(self.search.best)
+        return self.search.remaining_length(self.search.best)
 
     @property
     def next_place(self) -> Array:
@@ -110,7 +110,7 @@ class Expansions:
         node = self.search.best
         while node.parent is not None and node.parent.parent is not None:
             node = node.parent
-        place: Array = node.points[:, 0].mean(axis=0)
+        place: Array = node.keypoints[:, 0].mean(axis=0)
         return place
 
     def ask(self) -> Proposal:
@@ -136,14 +136,14 @@ def choices_of(problem: PlanningProblem) -> Choices:
 
 
 def search_from(
-    problem: PlanningProblem, row: Array, points: Array, waypoints: Array, choices: Choices, budget: int,
+    problem: PlanningProblem, row: Array, keypoints: Array, waypoints: Array, choices: Choices, budget: int,
     barred: Collection[int] = (),
 ) -> UniformCostSearch:  # fmt: skip
-    """A search from a state (S,) with landmarks (M, L, 3) m to waypoints (W, 3) m."""
+    """A search from a state (S,) with keypoints (M, L, 3) m to waypoints (W, 3) m."""
     settings = problem.settings_as(SearchSettings)
     return UniformCostSearch(
         row,
-        points,
+        keypoints,
         waypoints,
         choices,
         SearchSetup(
@@ -153,8 +153,8 @@ def search_from(
             step_seconds=problem.period,
             weight=settings.weight,
             max_speed=settings.max_speed,
-            approach_speed=settings.approach_speed if any(problem.half_edges) else 0.0,
-            half_edges=problem.half_edges,
+            approach_speed=settings.approach_speed,
+            cost_to_go=problem.cost_to_go,
             final_speed=settings.final_speed or float("inf"),
             budget=budget,
         ),

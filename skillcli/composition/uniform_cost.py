@@ -16,7 +16,7 @@ import numpy as np
 
 from skillcli.composition.latent_environment import Outcome
 from skillcli.composition.plan import Choices, Segment
-from skillcli.composition.route import Route, cautious
+from skillcli.composition.route import STRAIGHT, CostToGo, Route, risk_adjusted
 from skillcli.trajectories import Array
 
 
@@ -28,8 +28,8 @@ class Node:
     choice: int  # index into the choices, -1 at the root
     steps: int  # control steps that the last latent was held
     cost: float  # control steps from the start
-    due: Array  # (M,) index of the waypoint that has to be met next, on each robot
-    points: Array  # (M, L, 3) m, the landmarks, the judged point first
+    next_waypoint: Array  # (M,) index of the waypoint that has to be met next, on each robot
+    keypoints: Array  # (M, L, 3) m, the judged one first
     row: Array  # (S,) the simulator's state
     speed: float  # m/s of the judged point at the end
 
@@ -40,14 +40,14 @@ class SearchSetup:
 
     durations: tuple[int, ...]
     tolerance: float  # a waypoint is met within this
-    resolution: float  # states closer than this, with the same waypoint due, count as one
+    resolution: float  # states closer than this, with the same waypoint next, count as one
     step_seconds: float
     weight: float  # of the heuristic: 0 uniform cost, 1 A*, above 1 bounded suboptimal (Pohl 1970)
     max_speed: float  # m/s of the judged point, for the heuristic, 0 for none
-    approach_speed: float  # m/s of the gripper on its way behind the box, 0 where there is none
-    half_edges: tuple[float, float]  # m, half of the edges of the box along x and y, 0 where there is none
+    approach_speed: float  # m/s at which a detour is gone, for the heuristic, 0 to leave it out
     final_speed: float  # m/s, the last waypoint counts as met only at or below this
     budget: int  # expanded nodes
+    cost_to_go: CostToGo = STRAIGHT
 
 
 class UniformCostSearch:
@@ -55,7 +55,7 @@ class UniformCostSearch:
 
     Args:
         root: the start state.
-        points: (M, L, 3) m, the landmarks there on M robots: the judged point, and the gripper where that is a box.
+        keypoints: (M, L, 3) m, there on M robots, the judged one first.
         waypoints: (W, 3) m, to be met in order, each at any step; the plan ends where the last one is met.
         choices: latents.
         settings: see `SearchSetup`.
@@ -65,7 +65,7 @@ class UniformCostSearch:
     def __init__(
         self,
         root: Array,
-        points: Array,
+        keypoints: Array,
         waypoints: Array,
         choices: Choices,
         settings: SearchSetup,
@@ -73,8 +73,8 @@ class UniformCostSearch:
     ) -> None:
         self._barred = barred
         self.waypoints, self.choices, self.settings = waypoints, choices, settings
-        self._route = Route(waypoints, settings.tolerance, settings.half_edges)
-        start = Node(None, -1, 0, 0.0, np.zeros(len(points), dtype=int), points, root, 0.0)
+        self._route = Route(waypoints, settings.tolerance, settings.cost_to_go)
+        start = Node(None, -1, 0, 0.0, np.zeros(len(keypoints), dtype=int), keypoints, root, 0.0)
         self._order = itertools.count()
         self._open: list[tuple[float, int, Node]] = [(self._priority(start), next(self._order), start)]
         self._cheapest: dict[tuple[int, ...], float] = {self._cell(start): start.cost}
@@ -96,8 +96,8 @@ class UniformCostSearch:
         count = len(self.waypoints)
         if self.goal is not None:
             return f"a plan meets {'the waypoint' if count == 1 else f'all {count} waypoints'}"
-        left = float(self._route.way(self.best.due, self.best.points).max())
-        met = f"{int(self.best.due.min())} of {count} waypoints met, " if count > 1 else ""
+        left = float(self._route.remaining_length(self.best.next_waypoint, self.best.keypoints).max())
+        met = f"{int(self.best.next_waypoint.min())} of {count} waypoints met, " if count > 1 else ""
         return f"{met}{left:.3f} m to go"
 
     def ask(self, count: int) -> list[Node]:
@@ -116,14 +116,21 @@ class UniformCostSearch:
         children = []
         judged = outcome.path[:, :, :, 0]
         speed = np.linalg.norm(np.diff(judged, axis=2), axis=3).mean(axis=1) / self.settings.step_seconds  # (n, steps)
-        dues, met = self._progress(np.array([node.due for node in nodes]), judged, speed)
+        following, met = self._progress(np.array([node.next_waypoint for node in nodes]), judged, speed)
         for i, node in enumerate(nodes):
             if outcome.failed[i].any() or (node.parent is None and int(choice[i]) in self._barred):
                 continue
             held = int(met[i]) or steps  # a plan ends the moment its last goal is met
-            points = outcome.path[i, :, held]
+            keypoints = outcome.path[i, :, held]
             child = Node(
-                node, int(choice[i]), held, node.cost + held, dues[i], points, outcome.rows[i], float(speed[i, held - 1])
+                node,
+                int(choice[i]),
+                held,
+                node.cost + held,
+                following[i],
+                keypoints,
+                outcome.rows[i],
+                float(speed[i, held - 1]),
             )
             cell = self._cell(child)
             if child.cost >= self._cheapest.get(cell, float("inf")):
@@ -162,38 +169,39 @@ class UniformCostSearch:
 
     def _met(self, node: Node) -> bool:
         """Whether every waypoint is behind a node."""
-        return bool(node.due.min() >= len(self.waypoints))
+        return bool(node.next_waypoint.min() >= len(self.waypoints))
 
-    def _progress(self, due: Array, path: Array, speed: Array) -> tuple[Array, Array]:
-        """Which waypoint is due behind each path, and the step at which the last one was met, 0 where it was not.
+    def _progress(self, next_waypoint: Array, path: Array, speed: Array) -> tuple[Array, Array]:
+        """Which waypoint is next behind each path, and the step at which the last one was met, 0 where it was not.
 
         Args:
-            due: (n, M) before.
+            next_waypoint: (n, M) before.
             path: (n, M, T+1, 3) m.
             speed: (n, T) m/s.
         """
         last, tolerance = len(self.waypoints) - 1, self.settings.tolerance
-        due, met = due.copy(), np.zeros(len(path), dtype=int)
+        following, met = next_waypoint.copy(), np.zeros(len(path), dtype=int)
         for t in range(1, path.shape[2]):
             for _ in range(last):  # waypoints may lie so close that one step meets several
-                near = np.linalg.norm(path[:, :, t] - self.waypoints[np.minimum(due, last)], axis=2) <= tolerance
-                passed = (met == 0)[:, None] & near & (due < last)
+                near = np.linalg.norm(path[:, :, t] - self.waypoints[np.minimum(following, last)], axis=2) <= tolerance
+                passed = (met == 0)[:, None] & near & (following < last)
                 if not passed.any():
                     break
-                due += passed
-            gap = cautious(np.linalg.norm(path[:, :, t] - self.waypoints[last], axis=2))
+                following += passed
+            gap = risk_adjusted(np.linalg.norm(path[:, :, t] - self.waypoints[last], axis=2))
             slow = speed[:, t - 1] <= self.settings.final_speed
-            met[(met == 0) & (due == last).all(axis=1) & slow & (gap <= tolerance)] = t
-        due[met > 0] = last + 1
-        return due, met
+            met[(met == 0) & (following == last).all(axis=1) & slow & (gap <= tolerance)] = t
+        following[met > 0] = last + 1
+        return following, met
 
     def _remaining(self, node: Node) -> float:
-        """Length of the straight way through all waypoints that are due, m."""
-        return 0.0 if self._met(node) else self.way_left(node)
+        """Length of the straight way through all waypoints that are not met, m."""
+        return 0.0 if self._met(node) else self.remaining_length(node)
 
-    def way_left(self, node: Node) -> float:
-        """The same, where the last waypoint stays due, m."""
-        return float(cautious(self._route.way(np.minimum(node.due, len(self.waypoints) - 1), node.points)))
+    def remaining_length(self, node: Node) -> float:
+        """The same, where the last waypoint stays to be met, m."""
+        following = np.minimum(node.next_waypoint, len(self.waypoints) - 1)
+        return float(risk_adjusted(self._route.remaining_length(following, node.keypoints)))
 
     def _priority(self, node: Node) -> float:
         if self._met(node):
@@ -201,22 +209,24 @@ class UniformCostSearch:
         seconds = 0.0
         if self.settings.max_speed > 0:
             # each waypoint may be met a tolerance early and left a tolerance late: less way than the straight one
-            slack = self.settings.tolerance * (2 * (len(self.waypoints) - int(node.due.min())) - 1)
+            slack = self.settings.tolerance * (2 * (len(self.waypoints) - int(node.next_waypoint.min())) - 1)
             seconds += max(0.0, self._remaining(node) - slack) / self.settings.max_speed
         if self.settings.approach_speed > 0:
-            seconds += float(cautious(self._route.detour(node.due, node.points))) / self.settings.approach_speed
+            seconds += (
+                float(risk_adjusted(self._route.detour(node.next_waypoint, node.keypoints))) / self.settings.approach_speed
+            )
         return node.cost + self.settings.weight * seconds / self.settings.step_seconds
 
     def _merit(self, node: Node) -> tuple[int, float]:
         """How far from the end a node is, for the best plan where none meets everything."""
-        return (-int(node.due.min()), self._remaining(node))
+        return (-int(node.next_waypoint.min()), self._remaining(node))
 
     def _cell(self, node: Node) -> tuple[int, ...]:
-        """States that count as one: judged points in one cell, other landmarks in cells of twice the size.
+        """States that count as one: judged points in one cell, other keypoints in cells of twice the size.
 
         Of several robots it is the middle one's place that counts: no two plans would ever meet on all of them.
         """
-        points = node.points.mean(axis=0)
-        size = np.where(np.arange(len(points)) == 0, 1.0, 2.0) * self.settings.resolution
-        at = np.floor(points / size[:, None]).astype(int).ravel()
-        return (int(node.due.min()), *at.tolist(), int(node.speed > self.settings.final_speed))
+        keypoints = node.keypoints.mean(axis=0)
+        size = np.where(np.arange(len(keypoints)) == 0, 1.0, 2.0) * self.settings.resolution
+        at = np.floor(keypoints / size[:, None]).astype(int).ravel()
+        return (int(node.next_waypoint.min()), *at.tolist(), int(node.speed > self.settings.final_speed))

@@ -6,13 +6,14 @@ import numpy as np
 
 from skillcli.composition.latent_environment import LatentEnvironment
 from skillcli.composition.method import PlanningProblem
+from skillcli.composition.route import STRAIGHT
 from skillcli.composition.sequence import Entry
 from skillcli.evaluation.held import play_held
 from skillcli.evaluation.library import Library
 from skillcli.evaluation.sampled_robots import Robots
 from skillcli.progress import Report, silent
 from skillcli.recipe import Recipe
-from skillcli.tasks.registry import half_edges
+from skillcli.tasks.registry import cost_to_go
 from skillcli.tasks.world import MAX_SIMULATIONS
 from skillcli.trajectories import SAFETY_LIMITS, Array
 
@@ -56,7 +57,7 @@ def problem_of(
         horizon=task.horizon,
         make_world=make_world,
         hold_to_end=hold_to_end,
-        half_edges=half_edges(task),
+        cost_to_go=cost_to_go(task) or STRAIGHT,
         entries=entries,
         robots=robots.count,
         seed=seed,

@@ -166,8 +166,8 @@ class Replanner:
         plan = planner.plan()
         if not plan:  # every way fails: a moment of the first skill
             first = Segment(self.problem.mean[0], 0, self.problem.names[0], 1)
-            return Prospect(first, points[0, 0], planner.to_go)
-        return Prospect(replace(plan[0], steps=min(plan[0].steps, self._longest)), planner.next_place, planner.to_go)
+            return Prospect(first, points[0, 0], planner.remaining_length)
+        return Prospect(replace(plan[0], steps=min(plan[0].steps, self._longest)), planner.next_place, planner.remaining_length)
 
     def _barred(self, seen: Sighting, rng: np.random.Generator) -> frozenset[int]:
         """Choices that break a limit of the box sooner than others do, held where it slides worse or better than believed."""

@@ -126,6 +126,6 @@ def _checked(spec: Any, what: str) -> TaskSpec:
     raise UsageError(f"{what} holds no task: TASK has to be a TaskSpec", "docs/add-a-task.md shows one")
 
 
-def half_edges(task: Any) -> tuple[float, float]:
-    """Half of the edges of the box along x and y, m; 0 without a box."""
-    return find_task(task.name).half_edges(task)
+def cost_to_go(task: Any) -> Any:
+    """What planners count as left to go, see `TaskSpec`."""
+    return find_task(task.name).cost_to_go(task)

@@ -36,9 +36,8 @@ def no_check(*_: Any) -> None:
     """Refuse nothing."""
 
 
-def no_edges(_: Any) -> tuple[float, float]:
-    """Of no box."""
-    return 0.0, 0.0
+def straight_distance(_: Any) -> None:
+    """Nothing but the distance is left to go."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +78,8 @@ class TaskSpec:
         check_start: refuses starts that make no sense, for settings and how far off an object may start, from and to, m.
         compositions: named routes.
         chains: named chains through skills by number, for interpolation.
-        half_edges: half of the edges of the box along x and y, m; 0 without one.
+        cost_to_go: what planners count as left to go, for settings, see `composition.route.CostToGo`; None where the straight
+            distance says it all.
         uses_robot: whether an arm is in it.
         drawing: what to draw, and how.
     """
@@ -95,5 +95,5 @@ class TaskSpec:
     compositions: Mapping[str, tuple[Route, ...]] = field(default_factory=dict)
     chains: Mapping[str, str] = field(default_factory=dict)
     uses_robot: bool = True
-    half_edges: Callable[[Any], tuple[float, float]] = no_edges
+    cost_to_go: Callable[[Any], Any] = straight_distance
     drawing: Drawing = field(default_factory=Drawing)

@@ -16,18 +16,19 @@ from skillcli.composition.plan import Choices
 from skillcli.composition.planner import run
 from skillcli.composition.search import Expansions
 from skillcli.composition.uniform_cost import Node, SearchSetup, UniformCostSearch
+from skillcli.tasks.push.cost_to_go import BoxCostToGo
 from skillcli.trajectories import Array
 
 RIGHT, UP, DIAGONAL = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 1.0, 0.0)
 COMPASS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
 SETTINGS = SearchSetup(
     durations=(1,), tolerance=0.1, resolution=0.5, step_seconds=1.0, weight=0.0, max_speed=math.sqrt(2), approach_speed=0.0,
-    half_edges=(0.0, 0.0), final_speed=math.inf, budget=1000,
+    final_speed=math.inf, budget=1000,
 )  # fmt: skip
 
 
 class World:
-    """Positions, their own only landmark; whoever leaves `inside` fails."""
+    """Positions, their own only keypoint; whoever leaves `inside` fails."""
 
     def __init__(self, inside: Callable[[Array], Array] | None = None) -> None:
         self.inside, self.control_steps = inside, 0
@@ -65,9 +66,9 @@ def test_a_barred_choice_leads_nowhere_from_the_start_and_is_free_later() -> Non
 def test_a_plan_tells_where_its_first_segment_leads_and_what_it_leaves_of_the_way() -> None:
     plan = planner([(3, 2, 0), (3, 3.05, 0)], choices(RIGHT, UP, DIAGONAL))
     expansions = Expansions(plan, 1)
-    assert expansions.to_go == pytest.approx(math.hypot(3, 2) + 1.05)
+    assert expansions.remaining_length == pytest.approx(math.hypot(3, 2) + 1.05)
     run(expansions, World(), lambda *_: None)  # type: ignore[arg-type]
-    assert expansions.to_go == pytest.approx(0.05), "what the tolerance leaves"
+    assert expansions.remaining_length == pytest.approx(0.05), "what the tolerance leaves"
     first = expansions.plan()[0]
     np.testing.assert_allclose(expansions.next_place, first.latent), "a segment of one step"
 
@@ -77,7 +78,7 @@ def test_uniform_cost_finds_the_shortest_way() -> None:
     node = solve(plan)
     assert node is plan.goal and node.cost == 3, "two diagonals and one to the right"
     assert sorted(segment.label for segment in plan.plan(node) for _ in range(segment.steps)) == ["1", "3", "3"]
-    np.testing.assert_allclose(node.points, [[[3, 2, 0]]])
+    np.testing.assert_allclose(node.keypoints, [[[3, 2, 0]]])
 
 
 def test_the_admissible_heuristic_finds_the_same_cost_with_no_more_work() -> None:
@@ -140,7 +141,7 @@ def test_random_worlds_are_solved_at_the_least_cost(weight: float) -> None:
 def test_waypoints_are_met_in_order() -> None:
     plan = planner([(2, 0, 0), (0, 0, 0), (0, 1, 0)], choices(*COMPASS))
     node = solve(plan)
-    assert node.cost == 5 and node.due.tolist() == [3]
+    assert node.cost == 5 and node.next_waypoint.tolist() == [3]
     assert "".join(segment.label * segment.steps for segment in plan.plan(node)) == "11332"
 
 
@@ -154,7 +155,7 @@ def test_at_the_end_of_its_budget_the_nearest_node_is_given() -> None:
     plan = planner([(50, 0, 0)], choices(*COMPASS), budget=20, weight=1.0, max_speed=1.0)
     node = solve(plan)
     assert plan.expanded == 20 and plan.goal is None
-    assert node.points.tolist() == [[[20, 0, 0]]], "straight towards the goal"
+    assert node.keypoints.tolist() == [[[20, 0, 0]]], "straight towards the goal"
     several = planner([(50, 0, 0)], choices(*COMPASS), budget=20)
     solve(several, batch=8)
     assert several.expanded == 20, "the last batch is cut short"
@@ -162,7 +163,7 @@ def test_at_the_end_of_its_budget_the_nearest_node_is_given() -> None:
 
 def test_meeting_more_waypoints_counts_more_than_being_near() -> None:
     plan = planner([(1, 0, 0), (-60, 0, 0)], choices(*COMPASS), budget=30)
-    assert solve(plan).due.tolist() == [1]
+    assert solve(plan).next_waypoint.tolist() == [1]
 
 
 def test_states_in_one_cell_are_expanded_once() -> None:
@@ -209,13 +210,14 @@ def test_nothing_to_meet_is_met_at_once() -> None:
     assert plan.finished and plan.plan(solve(plan)) == []
 
 
-# Two landmarks: a box, and a gripper whose places are given outright, since this world has no contact.
+# Two keypoints: a box, and a gripper whose places are given outright, since this world has no contact.
+PUSHING = {"weight": 1.0, "max_speed": 1.0, "cost_to_go": BoxCostToGo((0.985, 0.985))}
 BOX, SOUTH, NORTH = (0.0, 0.0, 0.0), (0.0, -3.0, 0.0), (0.0, 3.0, 0.0)
 
 
 def pushing(waypoints: list[tuple[float, ...]], **changes: object) -> tuple[UniformCostSearch, Node]:
     """A planner that has just asked for its root: a box at the origin, a gripper 3 m south of it."""
-    settings = replace(SETTINGS, **{"weight": 1.0, "max_speed": 1.0, "half_edges": (0.985, 0.985), **changes})  # type: ignore[arg-type]
+    settings = replace(SETTINGS, **{**PUSHING, **changes})  # type: ignore[arg-type]
     plan = UniformCostSearch(np.zeros(6), np.array([[BOX, SOUTH]]), np.array(waypoints), choices(RIGHT), settings)
     (root,) = plan.ask(1)
     return plan, root
@@ -223,14 +225,14 @@ def pushing(waypoints: list[tuple[float, ...]], **changes: object) -> tuple[Unif
 
 def lead(plan: UniformCostSearch, node: Node, *ends: tuple[tuple[float, ...], tuple[float, ...]]) -> list[Node]:
     """Tell that one step from a node led to these places of box and gripper; returns the children kept."""
-    path = np.array([[[node.points[0], end]] for end in ends])
+    path = np.array([[[node.keypoints[0], end]] for end in ends])
     rows = path[:, -1].reshape(len(ends), -1)
     outcome = Outcome(path, np.zeros((len(ends), 1), dtype=bool), rows)
     return plan.tell([node] * len(ends), np.zeros(len(ends), dtype=int), outcome, 1)
 
 
 def grippers(nodes: list[Node]) -> list[tuple[float, ...]]:
-    return [tuple(node.points[0, 1].tolist()) for node in nodes]
+    return [tuple(node.keypoints[0, 1].tolist()) for node in nodes]
 
 
 WEST, EAST, NEAR_SOUTH = (-2.0, 0.0, 0.0), (2.0, 0.0, 0.0), (0.0, -2.0, 0.0)
@@ -254,11 +256,11 @@ def test_the_approach_counts_as_time_at_its_speed(speed: float, first: tuple[flo
     assert grippers(plan.ask(1)) == [first], "5 + 2 s against 3.5 + 4 s, or 5 + 1 s against 3.5 + 2 s"
 
 
-def test_the_gripper_belongs_behind_the_box_as_seen_from_the_waypoint_that_is_due() -> None:
+def test_the_gripper_belongs_behind_the_box_as_seen_from_the_next_waypoint() -> None:
     plan, root = pushing([(3, 0, 0), (3, 4, 0)], approach_speed=1.0)
     places = [(2.0, 0, 0), (3.0, 1.0, 0), (3.0, -1.0, 0)]
     nodes = lead(plan, root, *(((3, 0, 0), place) for place in places))
-    assert [int(node.due[0]) for node in nodes] == [1, 1, 1] and grippers(plan.ask(1)) == [(3, -1, 0)]
+    assert [int(node.next_waypoint[0]) for node in nodes] == [1, 1, 1] and grippers(plan.ask(1)) == [(3, -1, 0)]
 
 
 def test_a_box_that_is_where_it_should_be_needs_no_side_to_be_pushed_from() -> None:
@@ -271,7 +273,7 @@ def test_states_count_as_one_by_box_and_gripper_together() -> None:
     # cells of 0.5 m for the box and of 1 m for the gripper
     plan, root = pushing([(9, 0, 0)])
     kept = lead(plan, root, (BOX, (2.1, 0, 0)), (BOX, (2.9, 0, 0)), (BOX, (3.1, 0, 0)), ((0.6, 0, 0), (2.1, 0, 0)))
-    assert [tuple(node.points[0, :, 0].tolist()) for node in kept] == [(0, 2.1), (0, 3.1), (0.6, 2.1)]
+    assert [tuple(node.keypoints[0, :, 0].tolist()) for node in kept] == [(0, 2.1), (0, 3.1), (0.6, 2.1)]
 
 
 def test_only_the_box_meets_waypoints_and_has_a_speed() -> None:
@@ -279,9 +281,9 @@ def test_only_the_box_meets_waypoints_and_has_a_speed() -> None:
     passed, pushed, slow = lead(
         plan, root, (BOX, (2.0, 0, 0)), ((2.0, 0, 0), (1.0, 0, 0)), ((0.4, 0, 0), (-4.0, 0, 0))
     )  # fmt: skip
-    assert (int(passed.due[0]), passed.speed) == (0, 0), "the gripper was there, the box was not"
-    assert (int(pushed.due[0]), pushed.speed) == (0, 2), "too fast to count"
-    assert (int(slow.due[0]), slow.speed) == (0, 0.4)
+    assert (int(passed.next_waypoint[0]), passed.speed) == (0, 0), "the gripper was there, the box was not"
+    assert (int(pushed.next_waypoint[0]), pushed.speed) == (0, 2), "too fast to count"
+    assert (int(slow.next_waypoint[0]), slow.speed) == (0, 0.4)
     assert plan.goal is None and plan.best is pushed, "the nearest box, wherever its gripper"
 
 
@@ -302,7 +304,9 @@ class Pusher:
 def test_a_box_is_pushed_round_a_corner_and_the_approach_saves_most_of_the_work() -> None:
     expanded = []
     for speed in (0.0, 1.0):
-        settings = replace(SETTINGS, weight=1.0, max_speed=1.0, approach_speed=speed, half_edges=(0.985, 0.985), resolution=0.5)
+        settings = replace(
+            SETTINGS, weight=1.0, max_speed=1.0, approach_speed=speed, cost_to_go=BoxCostToGo((0.985, 0.985)), resolution=0.5
+        )
         start = np.array([BOX, (0.0, -1.0, 0.0)])
         plan = UniformCostSearch(start.ravel(), start[None], np.array([(3.0, 0, 0), (3.0, 2, 0)]), choices(*COMPASS), settings)
         node = solve(plan, Pusher())  # type: ignore[arg-type]

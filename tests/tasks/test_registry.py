@@ -6,9 +6,10 @@ from skillcli.errors import UsageError
 from skillcli.simulation.settings import TaskSettings as Task
 from skillcli.simulation.throughput import BareEngine
 from skillcli.tasks.point.settings import PointTask
+from skillcli.tasks.push.cost_to_go import BoxCostToGo
 from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.reach.settings import ReachTask
-from skillcli.tasks.registry import find_task, half_edges
+from skillcli.tasks.registry import cost_to_go, find_task
 from skillcli.tasks.world import place_goal as goal_place
 from skillcli.tasks.world import skill_goals
 
@@ -96,9 +97,10 @@ def test_a_goal_is_a_place_and_for_a_push_a_displacement_of_the_box(
         assert "--goal" in caught.value.hint
 
 
-def test_only_a_box_has_edges() -> None:
-    assert half_edges(PUSH) == (0.03, 0.03) and half_edges(PushTask(box_size=(0.1, 0.2, 0.05))) == (0.05, 0.1)
-    assert half_edges(REACH) == half_edges(POINT) == (0, 0)
+def test_only_a_box_has_more_to_go_than_its_distance() -> None:
+    assert cost_to_go(PUSH) == BoxCostToGo((0.03, 0.03))
+    assert cost_to_go(PushTask(box_size=(0.1, 0.2, 0.05))) == BoxCostToGo((0.05, 0.1))
+    assert cost_to_go(REACH) is cost_to_go(POINT) is None
 
 
 def test_a_box_has_to_start_on_the_table_wherever_it_is_drawn() -> None:

@@ -11,6 +11,7 @@ from skillcli.errors import UsageError
 from skillcli.robots.robot import Robot
 from skillcli.robots.scene import TABLE_CENTRE, TABLE_HALF_SIZE
 from skillcli.tasks.goals import check_in_reach, listed
+from skillcli.tasks.push.cost_to_go import BoxCostToGo
 from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.spec import Drawing, Route, TaskEnvironment, TaskSpec
 from skillcli.trajectories import Array
@@ -71,6 +72,6 @@ TASK = TaskSpec(
     check_goal=_check_goal,
     check_start=_check_start,
     compositions={"ring": _ring()},
-    half_edges=lambda task: (task.box_size[0] / 2, task.box_size[1] / 2),
+    cost_to_go=lambda task: BoxCostToGo((task.box_size[0] / 2, task.box_size[1] / 2)),
     drawing=Drawing(((0, 1),), "box", goal_size=2, goals_from_start=True),
 )
