@@ -116,11 +116,42 @@ def most_likely_skill(latent: Array, mean: Array, std: Array) -> Array:
     return skill
 
 
-MISSED = 1e6  # m, more than any sum of distances: meeting one waypoint more always counts first
+def next_waypoint(index: Array | int, place: Array, waypoints: Array, tolerance: float, keep_last: bool = False) -> Array:
+    """When a waypoint is met, on a path that goes on: the index of the next one, once a place has been looked at.
+
+    A waypoint is met within the tolerance, in its turn; one place may meet several. `ordered_approach` is the same rule for a
+    path that is over: it is within the tolerance everywhere exactly where this one meets every waypoint.
+
+    Args:
+        index: (...,) of the next waypoint so far.
+        place: (..., 3) m.
+        waypoints: (W, 3) m.
+        tolerance: m.
+        keep_last: the last one stays the next, for who asks more of it than to be near: slow, or near on all robots.
+
+    Returns:
+        (...,) indices; W where every waypoint is met.
+    """
+    following, end = np.array(index), len(waypoints) - keep_last
+    while (unmet := following < end).any():
+        gap = np.linalg.norm(place - waypoints[np.minimum(following, len(waypoints) - 1)], axis=-1)
+        met = unmet & (gap <= tolerance)
+        if not met.any():
+            break
+        following = following + met
+    return following
 
 
 def ordered_approach(path: Array, waypoints: Array, tolerance: float) -> Array:
-    """How close a path comes to waypoints that are due one after the other, (W,) m.
+    """How close a path comes to waypoints that have to be met one after the other, (W,) m; see `ordered_moments`."""
+    return ordered_moments(path, waypoints, tolerance)[1]
+
+
+MISSED = 1e6  # m, more than any sum of distances: meeting one waypoint more always counts first
+
+
+def ordered_moments(path: Array, waypoints: Array, tolerance: float) -> tuple[Array, Array]:
+    """When a path comes closest to waypoints that have to be met one after the other, and how close.
 
     Each waypoint gets one moment, the moments in the order of the waypoints (dynamic programming over time): as many
     as possible within the tolerance, and then the sum of distances as small as possible. All are within the tolerance
@@ -130,6 +161,9 @@ def ordered_approach(path: Array, waypoints: Array, tolerance: float) -> Array:
         path: (T, 3) m.
         waypoints: (W, 3) m.
         tolerance: m.
+
+    Returns:
+        Rows of the path (W,), and distances there (W,) m.
     """
     distance = np.linalg.norm(path[None] - waypoints[:, None], axis=-1)  # (W, T)
     smallest: Array = np.zeros(len(path))  # sum of distances up to here, with every waypoint so far served
@@ -138,11 +172,10 @@ def ordered_approach(path: Array, waypoints: Array, tolerance: float) -> Array:
         total = smallest + row + np.where(row > tolerance, MISSED, 0.0)
         smallest = np.minimum.accumulate(total)
         moments.append(np.maximum.accumulate(np.where(total <= smallest, np.arange(len(path)), 0)))
-    moment, closest = len(path) - 1, np.empty(len(waypoints))
+    moment, chosen = len(path) - 1, np.empty(len(waypoints), dtype=int)
     for w in range(len(waypoints) - 1, -1, -1):
-        moment = int(moments[w][moment])
-        closest[w] = distance[w, moment]
-    return closest
+        chosen[w] = moment = int(moments[w][moment])
+    return chosen, distance[np.arange(len(waypoints)), chosen]
 
 
 RETREAT = 0.01  # of the way between two goals: a motion that falls back by less counts as monotone

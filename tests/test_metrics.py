@@ -65,6 +65,27 @@ def test_waypoints_met_in_order_count_as_met_although_another_moment_would_be_ne
     assert closest == pytest.approx([0.04, 0.04])
 
 
+def test_step_by_step_or_all_at_once_a_waypoint_is_met_by_the_same_rule() -> None:
+    rng = np.random.default_rng(0)
+    met = []
+    for _ in range(300):
+        path, waypoints = rng.uniform(0, 1, (12, 3)) * [1, 1, 0], rng.uniform(0, 1, (3, 3)) * [1, 1, 0]
+        index, kept = np.array(0), np.array(0)
+        for place in path:
+            index = metrics.next_waypoint(index, place, waypoints, 0.3)
+            kept = metrics.next_waypoint(kept, place, waypoints, 0.3, keep_last=True)
+        met.append(bool((metrics.ordered_approach(path, waypoints, 0.3) <= 0.3).all()))
+        assert (index == 3) == met[-1] and kept == min(index, 2)
+    assert 50 < sum(met) < 250, "both happen"
+
+
+def test_one_place_may_meet_several_waypoints_and_each_path_has_its_own() -> None:
+    waypoints = np.array([[0.0, 0, 0], [0.1, 0, 0], [1, 0, 0]])
+    places = np.array([[0.05, 0, 0], [0.1, 0, 0], [1, 0, 0]])
+    assert metrics.next_waypoint(np.array([0, 0, 2]), places, waypoints, 0.06).tolist() == [2, 0, 3]
+    assert metrics.next_waypoint(np.zeros(2, dtype=int), places[:2], np.zeros((0, 3)), 0.06).tolist() == [0, 0]
+
+
 def test_ordered_approach_finds_the_smallest_sum_over_all_ordered_moments() -> None:
     rng = np.random.default_rng(0)
     for _ in range(20):

@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from skillcli import metrics
 from skillcli.trajectories import Array
 
 CAUTION = 0.5  # standard deviations over the robots that count on top of their mean
@@ -69,20 +70,19 @@ class Route:
     def follow(self, next_waypoint: Array, path: Array, within: float = 0.0) -> RouteProgress:
         """How far a path comes: (n, M) indices of the next waypoints, and (n, M, T+1, L, 3) m keypoints.
 
-        Row 0 of the path has been looked at before. The last waypoint stays the next one; the path is over where all robots are
-        on their way to it and come, risk adjusted, `within` that many metres of it. Nothing counts from there on.
+        Row 0 has been looked at before. Of the last waypoint more is asked than to be near: the path is over where
+        all robots are on their way to it and come, risk adjusted, `within` that many metres of it. Nothing counts from there on.
         """
-        now_next, arrived = next_waypoint.copy(), np.zeros(len(path), dtype=int)
+        following, arrived = next_waypoint, np.zeros(len(path), dtype=int)
         cost: Array = np.zeros(len(path))
         last = len(self.waypoints) - 1
         for t in range(1, path.shape[2]):
             now, under_way = path[:, :, t], arrived == 0
-            gap = np.linalg.norm(now[..., 0, :] - self.waypoints[now_next], axis=-1)
-            now_next += under_way[:, None] & (gap <= self.tolerance) & (now_next < last)
-            there = (now_next == last).all(axis=1) & (risk_adjusted(self.final_gap(now)) <= within)
+            following = metrics.next_waypoint(following, now[..., 0, :], self.waypoints, self.tolerance, keep_last=True)
+            there = (following == last).all(axis=1) & (risk_adjusted(self.final_gap(now)) <= within)
             arrived[under_way & there] = t
-            cost += np.where(arrived == 0, risk_adjusted(self.cost_to_go(now_next, now)), 0.0)
-        return RouteProgress(now_next, arrived, cost)
+            cost += np.where(arrived == 0, risk_adjusted(self.cost_to_go(following, now)), 0.0)
+        return RouteProgress(following, arrived, cost)
 
     def gap(self, next_waypoint: Array, keypoints: Array) -> Array:
         """Keypoints (..., L, 3) m as seen from the next waypoint (...,), (..., L, 3) m."""

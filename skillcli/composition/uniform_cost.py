@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from skillcli import metrics
 from skillcli.composition.latent_environment import Outcome
 from skillcli.composition.plan import Choices, Segment
 from skillcli.composition.route import STRAIGHT, CostToGo, Route, risk_adjusted
@@ -174,25 +175,21 @@ class UniformCostSearch:
     def _progress(self, next_waypoint: Array, path: Array, speed: Array) -> tuple[Array, Array]:
         """Which waypoint is next behind each path, and the step at which the last one was met, 0 where it was not.
 
+        Of the last one more is asked than to be near: to be slow, and to be near on all robots, risk adjusted.
+
         Args:
             next_waypoint: (n, M) before.
             path: (n, M, T+1, 3) m.
             speed: (n, T) m/s.
         """
         last, tolerance = len(self.waypoints) - 1, self.settings.tolerance
-        following, met = next_waypoint.copy(), np.zeros(len(path), dtype=int)
+        following, met = next_waypoint, np.zeros(len(path), dtype=int)
         for t in range(1, path.shape[2]):
-            for _ in range(last):  # waypoints may lie so close that one step meets several
-                near = np.linalg.norm(path[:, :, t] - self.waypoints[np.minimum(following, last)], axis=2) <= tolerance
-                passed = (met == 0)[:, None] & near & (following < last)
-                if not passed.any():
-                    break
-                following += passed
+            following = metrics.next_waypoint(following, path[:, :, t], self.waypoints, tolerance, keep_last=True)
             gap = risk_adjusted(np.linalg.norm(path[:, :, t] - self.waypoints[last], axis=2))
             slow = speed[:, t - 1] <= self.settings.final_speed
             met[(met == 0) & (following == last).all(axis=1) & slow & (gap <= tolerance)] = t
-        following[met > 0] = last + 1
-        return following, met
+        return np.where((met > 0)[:, None], last + 1, following), met
 
     def _remaining(self, node: Node) -> float:
         """Length of the straight way through all waypoints that are not met, m."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from skillcli import metrics
 from skillcli.composition.latent_environment import LatentEnvironment
 from skillcli.composition.mpc import ModelPredictiveControl, MpcSettings, mpc_from
 from skillcli.composition.plan import Segment
@@ -270,8 +271,10 @@ class _Mission:
         """Take note of a waypoint that is met; whether the last one is, slowly enough."""
         gap = self._gap()
         if self._due < len(self._waypoints) - 1:
-            if gap <= MARGIN * self._target.tolerance:
-                self._due, self._left = self._due + 1, 0  # what is being held was meant for the one before
+            near = MARGIN * self._target.tolerance
+            following = int(metrics.next_waypoint(self._due, self._path[-1], self._waypoints, near, keep_last=True))
+            if following > self._due:
+                self._due, self._left = following, 0  # what is being held was meant for the one before
             return False
         fastest = self._replanner.final_speed
         slow = not fastest or self._speed() <= fastest

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skillcli.metrics import final_distance, ordered_approach
+from skillcli.metrics import final_distance, ordered_approach, ordered_moments
 from skillcli.trajectories import Array
 from skillcli.viz.palette import Look, fed_look
 from skillcli.viz.scene import Runs, Scene
@@ -95,11 +95,8 @@ def _blends(piece: Piece, skill: Array, latent: Array) -> bool:
     return len(rows) == 1 or bool(np.any(np.diff(rows, axis=0) != 0, axis=-1).all())
 
 
-def due(moved: Array, waypoints: Array, tolerance: float) -> Array:
-    """How many waypoints were passed, in order, before each row of a path.
-
-    A waypoint is passed at the row within its tolerance from which the path leads away again (or ends), so that its
-    nearest pass is what it says and not the moment of entering the tolerance.
+def passed(moved: Array, waypoints: Array, tolerance: float) -> Array:
+    """How many waypoints were passed, in order, before each row of a path: each in the moment that the judge takes.
 
     Args:
         moved: (n, 2) or (n, 3) m.
@@ -109,14 +106,9 @@ def due(moved: Array, waypoints: Array, tolerance: float) -> Array:
     Returns:
         (n+1,) int; the last is the number passed in the end.
     """
-    counts = np.zeros(len(moved) + 1, dtype=int)
-    for row, point in enumerate(moved):
-        passed = counts[row]
-        if passed < len(waypoints):
-            gap = np.linalg.norm(point - waypoints[passed])
-            after = np.linalg.norm(moved[row + 1] - waypoints[passed]) if row + 1 < len(moved) else np.inf
-            passed += bool(gap <= tolerance and after >= gap)
-        counts[row + 1] = passed
+    moments, gaps = ordered_moments(moved, waypoints, tolerance)
+    in_order = np.logical_and.accumulate(gaps <= tolerance)
+    counts: Array = np.searchsorted(moments[in_order], np.arange(len(moved) + 1))
     return counts
 
 
@@ -127,10 +119,10 @@ def due_in(scene: Scene, episode: int) -> Array:
 
 
 def distance(scene: Scene, episode: int) -> Array:
-    """Distance to the waypoint that is due, or without waypoints to the target, (length+1,) m."""
+    """Distance to the next waypoint, or without waypoints to the target, (length+1,) m."""
     moved, waypoints, target = path(scene, episode), due_in(scene, episode), scene.trajectories.target[episode]
     if len(waypoints):
-        order = due(moved, waypoints, scene.tolerance)[:-1]
+        order = passed(moved, waypoints, scene.tolerance)[:-1]
         target = waypoints[np.minimum(order, len(waypoints) - 1)]
     gap: Array = np.linalg.norm(moved - target, axis=-1)
     return gap
@@ -147,7 +139,7 @@ def reached(scene: Scene, episode: int) -> Array:
     if not len(waypoints):
         within: Array = (distance(scene, episode) <= scene.tolerance).astype(float)
         return within
-    share: Array = due(moved, waypoints, scene.tolerance)[1:] / len(waypoints)
+    share: Array = passed(moved, waypoints, scene.tolerance)[1:] / len(waypoints)
     return share
 
 

