@@ -1,12 +1,13 @@
-"""A plan: latents, each held for a while."""
+"""A plan: latents, each held for a while; and the one form in which it is stored."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from skillcli.kinds.compose import PlannedSegment
 from skillcli.trajectories import Array
 
 
@@ -64,8 +65,90 @@ class Segment:
         return self.latent if self.until is None else self.until
 
 
-def schedule(plan: list[Segment]) -> tuple[Array, Array]:
+def schedule(plan: Sequence[Segment]) -> tuple[Array, Array]:
     """What a plan feeds at each control step: latents (T, d) and skills (T,)."""
     latent = np.concatenate([segment.latents for segment in plan])
     skill = np.concatenate([np.full(segment.steps, segment.skill) for segment in plan])
     return latent, skill
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Segments of one or several routes, each of which is played from the start.
+
+    The store keeps it as `plan/latent`, `plan/seconds`, `plan/skill` and `plan/route`, a row for each segment, and
+    `plan/latent_end` where there are blends. `records` say the same for people, with the labels; `trajectories/latent` is what
+    `schedules` gives.
+    """
+
+    routes: tuple[tuple[Segment, ...], ...]
+
+    @property
+    def segments(self) -> list[Segment]:
+        """Those of all routes, one behind the other."""
+        return [segment for route in self.routes for segment in route]
+
+    @property
+    def route(self) -> Array:
+        """The route that each of them belongs to, (S,)."""
+        return np.repeat(np.arange(len(self.routes)), [len(route) for route in self.routes])
+
+    @property
+    def steps(self) -> int:
+        """Control steps of all routes together."""
+        return sum(segment.steps for segment in self.segments)
+
+    def schedules(self) -> tuple[Array, Array, Array]:
+        """What is fed in each of R routes: latents (R, T, d), skills (R, T), and control steps (R,) of each.
+
+        Shorter routes rest at their last latent.
+        """
+        fed = [schedule(route) for route in self.routes]
+        steps = np.array([len(skill) for _, skill in fed])
+        rows = [np.minimum(np.arange(steps.max()), count - 1) for count in steps]
+        latent = np.stack([latent[row] for (latent, _), row in zip(fed, rows, strict=True)])
+        return latent, np.stack([skill[row] for (_, skill), row in zip(fed, rows, strict=True)]), steps
+
+    def arrays(self, period: float) -> dict[str, Array]:
+        """As the store keeps it, with control steps of `period` s."""
+        segments = self.segments
+        arrays = {
+            "plan/latent": np.array([segment.latent for segment in segments]),
+            "plan/seconds": np.array([segment.steps * period for segment in segments]),
+            "plan/skill": np.array([segment.skill for segment in segments]),
+            "plan/route": self.route,
+        }
+        if any(segment.until is not None for segment in segments):
+            arrays["plan/latent_end"] = np.array([segment.end for segment in segments])
+        return arrays
+
+    def records(self, period: float) -> tuple[PlannedSegment, ...]:
+        """As a report says it, one for each segment."""
+        return tuple(
+            PlannedSegment(
+                skill=segment.label,
+                latent=tuple(segment.latent.tolist()),
+                seconds=segment.steps * period,
+                route=int(route),
+                latent_end=None if segment.until is None else tuple(segment.until.tolist()),
+            )
+            for route, segment in zip(self.route, self.segments, strict=True)
+        )
+
+    @staticmethod
+    def read(arrays: Mapping[str, Array], period: float, labels: Sequence[str] = ()) -> Plan:
+        """What `arrays` gave; labels stand in `records` only."""
+        end = arrays.get("plan/latent_end", arrays["plan/latent"])
+        steps = np.round(arrays["plan/seconds"] / period).astype(int)
+        routes: list[list[Segment]] = [[] for _ in range(int(arrays["plan/route"].max()) + 1)]
+        for row, (latent, route) in enumerate(zip(arrays["plan/latent"], arrays["plan/route"], strict=True)):
+            until = None if np.array_equal(latent, end[row]) else end[row]
+            label = labels[row] if labels else ""
+            routes[route].append(Segment(latent, int(arrays["plan/skill"][row]), label, int(steps[row]), until))
+        return Plan(tuple(tuple(route) for route in routes))
+
+
+def stored_steps(arrays: Mapping[str, Array], period: float) -> Array:
+    """Control steps of each route of a stored plan, (R,), whatever else it holds."""
+    steps: Array = np.round(np.bincount(arrays["plan/route"], weights=arrays["plan/seconds"]) / period)
+    return steps

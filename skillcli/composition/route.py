@@ -70,8 +70,8 @@ class Route:
     def follow(self, next_waypoint: Array, path: Array, within: float = 0.0) -> RouteProgress:
         """How far a path comes: (n, M) indices of the next waypoints, and (n, M, T+1, L, 3) m keypoints.
 
-        Row 0 has been looked at before. Of the last waypoint more is asked than to be near: the path is over where
-        all robots are on their way to it and come, risk adjusted, `within` that many metres of it. Nothing counts from there on.
+        Row 0 has been looked at before. Of the last waypoint more is asked than to be near: the path is over where all robots
+        are on their way to it and come, risk adjusted, `within` that many metres of it. Nothing counts from there on.
         """
         following, arrived = next_waypoint, np.zeros(len(path), dtype=int)
         cost: Array = np.zeros(len(path))

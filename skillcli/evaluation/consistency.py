@@ -11,6 +11,7 @@ from itertools import islice
 
 import numpy as np
 
+from skillcli.composition.plan import stored_steps
 from skillcli.composition.registry import METHODS
 from skillcli.config.randomization import PARAMETERS
 from skillcli.errors import StoreError, UsageError
@@ -209,6 +210,6 @@ def _plan(recipe: Recipe, arrays: Arrays, results: Results) -> Iterator[str]:
         yield f"plan/latent and plan/skill are not those of {skills} skills in {recipe.embedding.size} dimensions"
     if "calibration/pair" in arrays and arrays["calibration/pair"].max(initial=0) >= skills:
         yield f"calibration/pair names a skill that is none of {skills}"
-    steps = np.round(np.bincount(arrays["plan/route"], weights=arrays["plan/seconds"]) / recipe.task.control_period)
+    steps = stored_steps(arrays, recipe.task.control_period)
     if steps.max() != arrays["trajectories/skill"].shape[1]:
         yield f"its plan lasts {steps.max():.0f} control steps, its recording {arrays['trajectories/skill'].shape[1]}"

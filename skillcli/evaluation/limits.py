@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from skillcli.composition.plan import Segment, schedule
+from skillcli.composition.plan import Plan, Segment, schedule
 from skillcli.evaluation.library import Library
 from skillcli.evaluation.rollouts import conduct
 from skillcli.evaluation.sampled_robots import Robots
@@ -13,14 +15,14 @@ from skillcli.kinds.record import point
 from skillcli.trajectories import SAFETY_LIMITS, Array, Trajectories
 
 
-def breaks(library: Library, plans: list[list[Segment]], recording: Trajectories, robots: Robots) -> tuple[BrokenLimit, ...]:
+def breaks(library: Library, plan: Plan, recording: Trajectories, robots: Robots) -> tuple[BrokenLimit, ...]:
     """Each limit that each route (an episode of the recording) breaks: for how many control steps, and where first."""
     if recording.violations is None:
         return ()
     found = []
     for route in np.flatnonzero(recording.violations.any(axis=1)):
-        broken, gripper = _watched(library, plans[route], robots)
-        ends = np.cumsum([segment.steps for segment in plans[route]])
+        broken, gripper = _watched(library, plan.routes[route], robots)
+        ends = np.cumsum([segment.steps for segment in plan.routes[route]])
         for limit in np.flatnonzero(broken.any(axis=0)):
             step = int(broken[:, limit].argmax())
             found.append(
@@ -36,10 +38,14 @@ def breaks(library: Library, plans: list[list[Segment]], recording: Trajectories
     return tuple(found)
 
 
-def _watched(library: Library, plan: list[Segment], robots: Robots) -> tuple[Array, Array]:
-    """A plan once more, looked at after every control step: limits broken, (T+1, K) bool, and the gripper, (T+1, 3) m."""
+def _watched(library: Library, route: Sequence[Segment], robots: Robots) -> tuple[Array, Array]:
+    """The plan of one route once more, looked at after every control step.
+
+    Returns:
+        Limits broken, (T+1, K) bool, and the gripper, (T+1, 3) m.
+    """
     env = robots.simulations(library.world, 1)
-    latent, skill = schedule(plan)
+    latent, skill = schedule(route)
     broken, gripper = [], []
 
     def look() -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skillcli.composition.plan import Plan
 from skillcli.evaluation.library import Library
 from skillcli.kinds import kind_spec
 from skillcli.store import Artifact
@@ -30,13 +31,10 @@ class Script:
     def of(source: Artifact, library: Library) -> Script:
         """The script of an artifact that holds a plan, or of the skills of any other; one episode of each route or skill."""
         if kind_spec(source.kind).holds("plan"):
-            trajectory, route = source.group("trajectories"), source.arrays["waypoints/route"]
-            latents, skills = trajectory["latent"], trajectory["skill"]
-            period = library.recipe.task.control_period  # a route that failed in the source is sent whole all the same
-            seconds = np.bincount(source.arrays["plan/route"], weights=source.arrays["plan/seconds"])
-            target = source.arrays["waypoints/target"]
-            waypoints = tuple(target[route == index] for index in range(len(latents)))
-            return Script(latents, skills, np.round(seconds / period).astype(np.int64), waypoints)
+            plan = Plan.read(source.arrays, library.recipe.task.control_period)
+            target, route = source.arrays["waypoints/target"], source.arrays["waypoints/route"]
+            waypoints = tuple(target[route == index] for index in range(len(plan.routes)))
+            return Script(*plan.schedules(), waypoints)
         horizon = library.recipe.task.horizon
         latents = np.repeat(library.mean[:, None], horizon, axis=1)
         skills = np.repeat(np.arange(len(library.mean))[:, None], horizon, axis=1)

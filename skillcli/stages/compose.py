@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from skillcli import metrics
 from skillcli.composition.method import Finding, PlanResult
-from skillcli.composition.plan import Segment, schedule
+from skillcli.composition.plan import Plan, Segment, schedule
 from skillcli.composition.registry import METHODS, method_spec
 from skillcli.evaluation.inputs import compose_inputs, robots_for
 from skillcli.evaluation.library import Library, check_untouched, open_library
@@ -23,7 +24,6 @@ from skillcli.kinds.compose import (
     GOALS,
     ComposeMeasured,
     ComposeResults,
-    PlannedSegment,
     Waypoint,
 )
 from skillcli.kinds.record import point
@@ -83,11 +83,13 @@ def compose(
     planned = [spec.plan(problem) for problem in problems]
     finding = spec.examine(problems[0]) if spec.examine else Finding({}, {}, 0.0)
     planning_seconds = time.perf_counter() - started
-    plans = [found.segments for found in planned]
+    plan = Plan(tuple(tuple(found.segments) for found in planned))
     judge = robots if on else Robots()
-    recordings = [execute(library, plan, waypoints, judge) for plan, waypoints in zip(plans, request.routes, strict=True)]
+    recordings = [
+        execute(library, route, waypoints, judge) for route, waypoints in zip(plan.routes, request.routes, strict=True)
+    ]
     recording = Trajectories.join(recordings)
-    met, broken = recording.success, breaks(library, plans, recording, judge)
+    met, broken = recording.success, breaks(library, plan, recording, judge)
     recording = recording.judged_by(met & recording.within_limits)  # who plans may choose: a broken limit is no success
     tolerance = recipe.task.tolerance
     closest = [
@@ -102,7 +104,7 @@ def compose(
             command=command,
             recipe=recipe.model_dump(mode="json"),
             arrays={
-                **_plan_arrays(plans, recipe.task.control_period),
+                **plan.arrays(recipe.task.control_period),
                 **_composer_arrays(planned),
                 **finding.arrays,
                 **{f"robots/{parameter}": values for parameter, values in robots.parameters.items()},
@@ -112,7 +114,7 @@ def compose(
                 **{f"trajectories/{field}": array for field, array in recording.arrays().items()},
             },
             results=replace(
-                _results(recipe, request, method, planned, recording, np.concatenate(closest), finding),
+                _results(recipe, request, method, plan, planned, recording, np.concatenate(closest), finding),
                 waypoints_met=bool(met.all()),
                 violations=_violations(recording),
                 broken=broken,
@@ -139,29 +141,16 @@ def _within(report: Report, done: int, total: int) -> Report:
     return told
 
 
-def execute(library: Library, plan: list[Segment], waypoints: Array, robots: Robots) -> Trajectories:
-    """Run a plan from the start on one robot."""
+def execute(library: Library, route: Sequence[Segment], waypoints: Array, robots: Robots) -> Trajectories:
+    """Run the plan of one route from the start on one robot."""
     env = robots.simulations(library.world, 1)
-    latent, skill = schedule(plan)
+    latent, skill = schedule(route)
     return play_waypoints(env, library.agent.act, latent[None], skill[None], [waypoints])
 
 
 def _violations(recording: Trajectories) -> dict[str, int]:
     """Control steps beyond each limit that is broken, over all routes."""
     return {limit: int(steps.sum()) for limit, steps in recording.beyond_limits.items() if steps.any()}
-
-
-def _plan_arrays(plans: list[list[Segment]], period: float) -> dict[str, Array]:
-    segments = [segment for plan in plans for segment in plan]
-    arrays = {
-        "plan/latent": np.array([segment.latent for segment in segments]),
-        "plan/seconds": np.array([segment.steps * period for segment in segments]),
-        "plan/skill": np.array([segment.skill for segment in segments]),
-        "plan/route": np.repeat(np.arange(len(plans)), [len(plan) for plan in plans]),
-    }
-    if any(segment.until is not None for segment in segments):
-        arrays["plan/latent_end"] = np.array([segment.end for segment in segments])
-    return arrays
 
 
 def _composer_arrays(planned: list[PlanResult]) -> dict[str, Array]:
@@ -178,6 +167,7 @@ def _results(
     recipe: Recipe,
     request: Request,
     method: str,
+    plan: Plan,
     planned: list[PlanResult],
     recording: Trajectories,
     closest: Array,
@@ -185,28 +175,17 @@ def _results(
 ) -> ComposeResults:
     period = recipe.task.control_period
     distance = metrics.final_distance(recording)
-    plans = [found.segments for found in planned]
     return ComposeResults(
         method=method,
         task=request.task or GOALS,
         success=bool(recording.success.all()),
         success_rate=float(recording.success.mean()),
-        routes=len(plans),
+        routes=len(plan.routes),
         expanded_nodes=sum(found.expanded_nodes for found in planned),
         simulated_robot_seconds=sum(found.simulated_robot_seconds for found in planned) + finding.simulated_robot_seconds,
         robot_seconds_with_returns=sum(found.with_returns for found in planned),
-        plan_seconds=sum(segment.steps for plan in plans for segment in plan) * period,
-        segments=tuple(
-            PlannedSegment(
-                skill=segment.label,
-                latent=tuple(segment.latent.tolist()),
-                seconds=segment.steps * period,
-                route=route,
-                latent_end=None if segment.until is None else tuple(segment.until.tolist()),
-            )
-            for route, plan in enumerate(plans)
-            for segment in plan
-        ),
+        plan_seconds=plan.steps * period,
+        segments=plan.records(period),
         waypoints=tuple(
             Waypoint(target=point(target), closest_m=float(near), route=int(route))
             for target, near, route in zip(request.waypoints, closest, request.route, strict=True)
