@@ -8,12 +8,13 @@ last waypoint is met or a simulation fails (termination), or when time is up (tr
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, fields
 from typing import Protocol
 
 import numpy as np
 from pydantic import model_validator
 
-from skillcli.composition.latent_environment import Outcome
+from skillcli.composition.latent_environment import LatentEnvironment, Outcome
 from skillcli.composition.method import MethodSettings, PlanningProblem, PlanResult
 from skillcli.composition.plan import Segment
 from skillcli.composition.planner import Proposal
@@ -52,13 +53,13 @@ class EpisodeSettings(MethodSettings):
 class Composer(Protocol):
     """Learns which latent to choose. Episode 0 of every round is to be played without exploration."""
 
-    def choose(self, features: Array) -> Array:
+    def act(self, features: Array) -> Array:
         """Latents for features, (N, f) to (N, d)."""
 
-    def learn(self, reward: Array, features: Array, terminated: Array) -> None:
-        """What the choice led to: reward (N,), features (N, f), and whether the episode is over for good, (N,) bool."""
+    def observe(self, reward: Array, features: Array, terminated: Array) -> None:
+        """What the latents led to: reward (N,), features (N, f), and whether the episode is over for good, (N,) bool."""
 
-    def improve(self, valid: Array) -> dict[str, float]:
+    def update(self, valid: Array) -> dict[str, float]:
         """Between two rounds: learn from it; (T, N) tells which choices still counted. Returns what is worth logging.
 
         Raises:
@@ -69,140 +70,171 @@ class Composer(Protocol):
         """Every weight by its name."""
 
 
+@dataclass(frozen=True)
+class Moment:
+    """How N episodes stand."""
+
+    rows: Array  # (N, S) states
+    keypoints: Array  # (N, L, 3) m
+    observation: Array  # (N, o)
+
+    @staticmethod
+    def start(world: LatentEnvironment, num: int) -> Moment:
+        """N times the start of a world with one robot."""
+        row, keypoints = world.start()
+        observation = world.observe(row)
+        return Moment(np.tile(row, (num, 1)), np.tile(keypoints, (num, 1, 1)), np.tile(observation, (num, 1)))
+
+    def unless(self, over: Array, other: Moment) -> Moment:
+        """The same, with another moment for the episodes that are over, (N,) bool."""
+        return Moment(*(
+            np.where(over.reshape(-1, *(1,) * (mine.ndim - 1)), theirs, mine)
+            for mine, theirs in (
+                (getattr(self, each.name), getattr(other, each.name)) for each in fields(self)
+            )
+        ))  # fmt: skip
+
+
+class Round:
+    """N episodes from the start; what episode 0 does, which is played without exploration, is a plan.
+
+    Args:
+        start: of all episodes.
+        route: where to go.
+        settings: the recipe's.
+        steps: control steps of a segment.
+    """
+
+    def __init__(self, start: Moment, route: Route, settings: EpisodeSettings, steps: int) -> None:
+        self._start, self._route, self._settings, self._steps = start, route, settings, steps
+        num = len(start.rows)
+        self.now = start
+        self.next_waypoint = np.zeros(num, dtype=int)
+        self.failed, self.arrived = np.zeros(num, dtype=bool), np.zeros(num, dtype=bool)
+        self.total: Array = np.zeros(num)  # of the rewards
+        self.valid: list[Array] = []  # (N,) bool for each segment: which episodes were not over before it
+        self.plan: list[Segment] = []
+        self.gap = np.inf  # m, from the end of the plan to the last waypoint
+
+    @property
+    def over(self) -> Array:
+        """Which episodes are over, (N,) bool."""
+        return self.failed | self.arrived
+
+    @property
+    def features(self) -> Array:
+        """What a composer sees: the observation, and the keypoints from the next waypoint, (N, o + 3 L)."""
+        gap = self._route.gap(self.next_waypoint, self.now.keypoints)
+        return np.concatenate([self.now.observation, gap.reshape(len(gap), -1)], axis=1)
+
+    @property
+    def merit(self) -> tuple[float, float, int]:
+        """How good the plan is, less is better: waypoints missed, m from the last one, control steps."""
+        missed = len(self._route.waypoints) - 1 - int(self.next_waypoint[0])
+        gap = max(self.gap, self._settings.goal_tolerance if self.arrived[0] else 0.0)  # who arrives first wins, not closest
+        return float(missed), gap, sum(segment.steps for segment in self.plan)
+
+    def advance(self, latent: Array, outcome: Outcome) -> tuple[Array, Array]:
+        """Latents (N, d) were held; gives rewards (N,) and which episodes that ended for good, (N,) bool."""
+        valid = ~self.over
+        progress = self._route.follow(self.next_waypoint[:, None], outcome.path, self._settings.goal_tolerance)
+        broken, path = outcome.failed[:, 0], outcome.path[:, 0]  # a composer learns on one robot
+        failed, arrived = broken & valid, (progress.arrived > 0) & valid & ~broken
+        reward = -self._settings.reward_scale * np.where(failed, FAILED, progress.cost / self._steps)
+        self.next_waypoint = np.where(valid, progress.next_waypoint[:, 0], self.next_waypoint)
+        self.failed |= failed
+        self.arrived |= arrived
+        if valid[0]:
+            steps = int(progress.arrived[0]) or self._steps  # the plan ends the moment it arrives
+            self.plan.append(Segment(latent[0].astype(float), -1, "latent", steps))
+            self.gap = float(self._route.final_gap(path[0, steps]))
+        # where an episode is over, nothing is looked at or stepped again: the state may be broken
+        self.now = Moment(outcome.rows, path[:, -1], outcome.observation[:, 0]).unless(self.over, self._start)
+        self.valid.append(valid)
+        self.total += np.where(valid, reward, 0.0)
+        return reward, failed | arrived
+
+
 class Episodes:
     """See `Planner`. Plays rounds of N episodes and keeps the best plan that a composer found without exploring.
 
     Args:
-        row: (S,) the start state.
-        keypoints: (L, 3) m, there.
-        observation: (o,) there.
+        start: of all episodes.
         route: where to go.
         composer: learns.
-        num: N, episodes side by side.
         steps: control steps of a segment.
         segments: T, in an episode at most.
         settings: the recipe's.
     """
 
     def __init__(
-        self, row: Array, keypoints: Array, observation: Array, route: Route, composer: Composer, num: int, steps: int,
-        segments: int, settings: EpisodeSettings,
-    ) -> None:  # fmt: skip
-        self._route, self._composer, self._settings = route, composer, settings
-        self._steps, self._segments = steps, segments
-        self._start = np.tile(row, (num, 1)), np.tile(keypoints, (num, 1, 1)), np.tile(observation, (num, 1))
-        self.curves: dict[str, list[float]] = {}
-        self.best: tuple[float, float, int] = (np.inf, np.inf, 0)  # waypoints missed, m from the last one, control steps
+        self, start: Moment, route: Route, composer: Composer, steps: int, segments: int, settings: EpisodeSettings
+    ) -> None:
+        self._composer, self._settings, self._steps, self._segments = composer, settings, steps, segments
+        self._begin: Callable[[], Round] = lambda: Round(start, route, settings, steps)
+        self._round, self._rounds, self._control_steps = self._begin(), 0, 0
+        self._latent: Array = np.zeros(0)  # (N, d) under way
+        self._plan: list[Segment] = []
+        self.merit: tuple[float, float, int] = (np.inf, np.inf, 0)  # of the plan, see `Round.merit`
         self.weights: dict[str, Array] = {}  # of the composer that played it
-        self._best_plan: list[Segment] = []
-        self._round = self._control_steps = 0
-        self._begin()
-
-    def _begin(self) -> None:
-        self._rows, keypoints, observation = self._start
-        num = len(self._rows)
-        self._next_waypoint = np.zeros(num, dtype=int)
-        self._failed, self._arrived = np.zeros(num, dtype=bool), np.zeros(num, dtype=bool)
-        self._return: Array = np.zeros(num)
-        self._features = features_of(self._route, self._next_waypoint, keypoints, observation)
-        self._chosen: list[Array] = []
-        self._valid: list[Array] = []
-        self._greedy: list[Segment] = []  # what episode 0 did
-        self._gap = np.inf  # m, from its end to the last waypoint
+        self.curves: dict[str, list[float]] = {}
 
     @property
     def finished(self) -> bool:
         """See `Planner`."""
-        return self._round >= self._settings.iterations or (self.best[0] == 0 and self.best[1] <= self._settings.good_enough)
+        good_enough = self.merit[0] == 0 and self.merit[1] <= self._settings.good_enough
+        return self._rounds >= self._settings.iterations or good_enough
 
     @property
     def done(self) -> tuple[int, int, str]:
         """See `Planner`."""
-        near = f"{self.best[1]:.3f} m to the goal at best" if self._best_plan else ""
-        return self._round, self._settings.iterations, near
+        near = f"{self.merit[1]:.3f} m to the goal at best" if self._plan else ""
+        return self._rounds, self._settings.iterations, near
 
     def plan(self) -> list[Segment]:
         """See `Planner`."""
-        return self._best_plan
+        return self._plan
 
     def ask(self) -> Proposal:
         """See `Planner`."""
-        self._chosen.append(self._composer.choose(self._features))
-        return Proposal(self._rows, self._chosen[-1], self._steps)
+        self._latent = self._composer.act(self._round.features)
+        return Proposal(self._round.now.rows, self._latent, self._steps)
 
     def tell(self, outcome: Outcome) -> None:
         """See `Planner`."""
-        running = ~(self._failed | self._arrived)
-        progress = self._route.follow(self._next_waypoint[:, None], outcome.path, self._settings.goal_tolerance)
-        broken, path = outcome.failed[:, 0], outcome.path[:, 0]  # a composer learns on one robot
-        failed, arrived = broken & running, (progress.arrived > 0) & running & ~broken
-        reward = -self._settings.reward_scale * np.where(failed, FAILED, progress.cost / self._steps)
-        self._control_steps += int(running.sum()) * self._steps
-        self._next_waypoint = np.where(running, progress.next_waypoint[:, 0], self._next_waypoint)
-        self._failed |= failed
-        self._arrived |= arrived
-        if running[0]:
-            self._follow(path[0], int(progress.arrived[0]))
-        # where an episode is over, nothing is looked at or stepped again: the state may be broken
-        state = outcome.rows, path[:, -1], outcome.observation[:, 0]
-        over = self._failed | self._arrived
-        self._rows, keypoints, observation = (
-            np.where(over.reshape(-1, *(1,) * (now.ndim - 1)), start, now)
-            for start, now in zip(self._start, state, strict=True)
-        )
-        self._features = features_of(self._route, self._next_waypoint, keypoints, observation)
-        self._composer.learn(reward, self._features, failed | arrived)
-        self._valid.append(running)
-        self._return += np.where(running, reward, 0.0)
-        if len(self._chosen) == self._segments:
-            self._end()
+        reward, terminated = self._round.advance(self._latent, outcome)
+        self._composer.observe(reward, self._round.features, terminated)
+        if len(self._round.valid) == self._segments:
+            self._end(self._round)
+            self._round = self._begin()
 
-    def _follow(self, path: Array, arrived: int) -> None:
-        """Take down what episode 0 did; its plan ends the moment it arrives."""
-        steps = arrived or self._steps
-        self._greedy.append(Segment(self._chosen[-1][0].astype(float), -1, "latent", steps))
-        self._gap = float(self._route.final_gap(path[steps]))
-
-    def _end(self) -> None:
-        """A round is over: keep the plan of episode 0 where it is the best so far, and let the composer learn."""
-        missed = len(self._route.waypoints) - 1 - int(self._next_waypoint[0])
-        gap = max(self._gap, self._settings.goal_tolerance if self._arrived[0] else 0.0)  # who arrives first wins, not closest
-        ended = (float(missed), gap, sum(segment.steps for segment in self._greedy))
-        if not self._failed[0] and ended < self.best:
-            self.best, self.weights, self._best_plan = ended, self._composer.arrays(), self._greedy
-        self._round += 1
+    def _end(self, played: Round) -> None:
+        """Keep the plan of a round where it is the best so far, and let the composer learn."""
+        if not played.failed[0] and played.merit < self.merit:
+            self.merit, self.weights, self._plan = played.merit, self._composer.arrays(), played.plan
+        valid = np.stack(played.valid)
+        self._rounds += 1
+        self._control_steps += int(valid.sum()) * self._steps
         point = {
             "env_steps": float(self._control_steps),
-            "return": float(self._return[1:].mean()),
-            "greedy_return": float(self._return[0]),
-            "greedy_final_distance": self._gap,
-            "arrived": float(self._arrived.mean()),
-            **self._composer.improve(np.stack(self._valid)),
+            "return": float(played.total[1:].mean()),
+            "greedy_return": float(played.total[0]),
+            "greedy_final_distance": played.gap,
+            "arrived": float(played.arrived.mean()),
+            **self._composer.update(valid),
         }
         for name, number in point.items():
             self.curves.setdefault(name, []).append(number)
-        self._begin()
-
-
-def features_of(route: Route, next_waypoint: Array, keypoints: Array, observation: Array) -> Array:
-    """What a composer sees: (n,), (n, L, 3) and (n, o) to (n, o + 3 L)."""
-    return np.concatenate([observation, route.gap(next_waypoint, keypoints).reshape(len(keypoints), -1)], axis=1)
 
 
 def learn_to_plan(problem: PlanningProblem, make_composer: Callable[[int], Composer]) -> PlanResult:
     """Let a composer learn on one route; it is made for so many features."""
     settings = problem.settings_as(EpisodeSettings)
     steps, world = problem.steps(settings.segment), problem.make_world(settings.simulations)
-    row, keypoints = world.start()
-    keypoints, observation = keypoints[0], world.observe(row)[0]
-    planner = Episodes(
-        row, keypoints, observation, problem.route,
-        make_composer(observation.size + keypoints.size),
-        num=settings.simulations,
-        steps=steps,
-        segments=problem.segments(settings.seconds, steps),
-        settings=settings,
-    )  # fmt: skip
+    start = Moment.start(world, settings.simulations)
+    size = start.observation[0].size + start.keypoints[0].size
+    segments = problem.segments(settings.seconds, steps)
+    planner = Episodes(start, problem.route, make_composer(size), steps, segments, settings)
     problem.run(planner, world, "iterations")
     if not planner.plan():
         raise SkillError("every episode failed that the composer played without exploring", "try another --seed")

@@ -1,4 +1,4 @@
-"""What learned composers share: latents in units of a box, and networks from features."""
+"""What learned composers share: latents in units of their bounds, and networks from features."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from skillcli.learning.networks import Normalizer, mlp
 from skillcli.trajectories import Array
 
 
-class LatentBox:
-    """Latents in a box (2, d) as units within [-1, 1]^d, and back."""
+class LatentBounds:
+    """Latents between bounds (2, d), lowest and highest, as units within [-1, 1]^d, and back."""
 
-    def __init__(self, box: Array) -> None:
-        self._centre, self._half = box.mean(axis=0), (box[1] - box[0]) / 2
+    def __init__(self, bounds: Array) -> None:
+        self._centre, self._half = bounds.mean(axis=0), (bounds[1] - bounds[0]) / 2
 
     def latent(self, unit: Array) -> Array:
         """(N, d) units to latents."""
@@ -78,15 +78,6 @@ def arrays_of(**modules: nn.Module) -> dict[str, Array]:
     }
 
 
-def descend(optimizer: torch.optim.Optimizer, loss: Tensor, max_norm: float = math.inf) -> None:
-    """One gradient step, the gradient's norm clipped."""
-    optimizer.zero_grad(set_to_none=True)
-    loss.backward()  # type: ignore[no-untyped-call]
-    if math.isfinite(max_norm):
-        torch.nn.utils.clip_grad_norm_(optimizer.param_groups[0]["params"], max_norm)
-    optimizer.step()
-
-
 def tensor(array: Array) -> Tensor:
     """As float32."""
     return torch.as_tensor(array, dtype=torch.float32)
@@ -108,4 +99,4 @@ def check_finite(method: str, logged: Mapping[str, float], *modules: nn.Module) 
         )
 
 
-__all__ = ["Head", "LatentBox", "Normalizer", "Trace", "arrays_of", "check_finite", "descend", "tensor"]
+__all__ = ["Head", "LatentBounds", "Normalizer", "Trace", "arrays_of", "check_finite", "tensor"]

@@ -12,35 +12,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from skillcli.learning.composer import Head, LatentBox, Normalizer, Trace, arrays_of, check_finite, descend, tensor
+from skillcli.learning.composer import Head, LatentBounds, Normalizer, Trace, arrays_of, check_finite, tensor
 from skillcli.learning.ddpg import DdpgSettings
+from skillcli.learning.descent import descend
+from skillcli.learning.ring_buffer import RingBuffer
 from skillcli.seeding import generator, torch_generator
 from skillcli.trajectories import Array
 
 FINAL = 0.1  # of exploration and step size at the start, in the last round: the last steps settle instead of wandering
-
-
-class Replay:
-    """The last transitions, in a ring: features s, unit latent a, reward r, features s', and whether s' is the end."""
-
-    def __init__(self, capacity: int, features: int, latent: int) -> None:
-        shapes = ((capacity, features), (capacity, latent), (capacity,), (capacity, features), (capacity,))
-        self._columns = [np.zeros(shape, dtype=np.float32) for shape in shapes]
-        self._capacity, self._next, self.filled = capacity, 0, 0
-
-    def add(self, *columns: Array) -> None:
-        """Take n transitions, every column (n, ...)."""
-        count = len(columns[0])
-        slots = (self._next + np.arange(count)) % self._capacity
-        for kept, new in zip(self._columns, columns, strict=True):
-            kept[slots] = new
-        self._next = (self._next + count) % self._capacity
-        self.filled = min(self.filled + count, self._capacity)
-
-    def sample(self, count: int, rng: np.random.Generator) -> tuple[Tensor, ...]:
-        """Columns of `count` transitions, drawn with replacement."""
-        chosen = rng.integers(self.filled, size=count)
-        return tuple(torch.from_numpy(column[chosen]) for column in self._columns)
 
 
 class DdpgComposer:
@@ -48,30 +27,30 @@ class DdpgComposer:
 
     Args:
         features: size f of what is seen.
-        box: (2, d) lowest and highest latent.
-        choices: (C, d) the latents that may be chosen, None for any in the box.
+        bounds: (2, d) lowest and highest latent.
+        choices: (C, d) the latents that may be chosen, None for any within the bounds.
         settings: the recipe's.
         seed: of weights and chance.
     """
 
-    def __init__(self, features: int, box: Array, choices: Array | None, settings: DdpgSettings, seed: int) -> None:
+    def __init__(self, features: int, bounds: Array, choices: Array | None, settings: DdpgSettings, seed: int) -> None:
         torch.set_num_threads(1)  # results must not depend on how many cores there are
-        self._settings, self._rng, size = settings, generator(seed, "ddpg"), box.shape[1]
-        self._box = LatentBox(box)
-        self._choices = None if choices is None else tensor(self._box.unit(choices))
+        self._settings, self._rng, size = settings, generator(seed, "ddpg"), bounds.shape[1]
+        self._bounds = LatentBounds(bounds)
+        self._choices = None if choices is None else tensor(self._bounds.unit(choices))
         make = torch_generator(seed, "ddpg")
         self.normalizer = Normalizer(features)
         self.actor = Head(features, settings.hidden, size, False, 0.01, make)
         self.critic = Head(features + size, settings.hidden, 1, False, 1.0, make)
         self._target_actor, self._target_critic = copy.deepcopy(self.actor), copy.deepcopy(self.critic)
         self._optimizers = [torch.optim.Adam(net.parameters(), lr=settings.learning_rate) for net in (self.actor, self.critic)]
-        self.replay = Replay(settings.replay, features, size)
+        self.replay = RingBuffer(settings.replay, np.float32)  # features, unit, reward, features then, whether that is the end
         self._round = 0
         self._trace = Trace()
 
     @torch.no_grad()
-    def choose(self, features: Array) -> Array:
-        """See `Composer`; in the first rounds every episode holds a latent of its own, drawn from the box."""
+    def act(self, features: Array) -> Array:
+        """See `Composer`; in the first rounds every episode holds a latent of its own, drawn from between the bounds."""
         seen = self.normalizer(tensor(features))
         unit = self.actor(seen)
         if self._round < self._settings.warm_up:
@@ -82,13 +61,13 @@ class DdpgComposer:
             unit[1:] += self._noise() * tensor(self._rng.standard_normal(unit[1:].shape))
         unit = self.project(unit.clamp(-1, 1), seen, self.critic)
         self._trace.chose(features, unit.numpy())
-        return self._box.latent(unit.numpy())
+        return self._bounds.latent(unit.numpy())
 
-    def learn(self, reward: Array, features: Array, terminated: Array) -> None:
+    def observe(self, reward: Array, features: Array, terminated: Array) -> None:
         """See `Composer`."""
         self._trace.led(reward, features, terminated)
 
-    def improve(self, valid: Array) -> dict[str, float]:
+    def update(self, valid: Array) -> dict[str, float]:
         """See `Composer`."""
         trace = self._trace
         for t, kept in enumerate(valid):
@@ -131,7 +110,7 @@ class DdpgComposer:
 
     def _step(self, acting: bool) -> dict[str, float]:
         """One gradient step of the critic, and where it is acting of the actor; the targets follow."""
-        features, unit, reward, after, end = self.replay.sample(self._settings.minibatch, self._rng)
+        features, unit, reward, after, end = map(torch.from_numpy, self.replay.sample(self._settings.minibatch, self._rng))
         seen, seen_after = self.normalizer(features), self.normalizer(after)
         with torch.no_grad():
             then = self.project(self._target_actor(seen_after).clamp(-1, 1), seen_after, self._target_critic)
@@ -141,12 +120,12 @@ class DdpgComposer:
         descend(self._optimizers[1], critic_loss)
         if acting:  # not before the critic knows a little
             unit = self.actor(seen)
-            descend(self._optimizers[0], -(self._uphill(seen, unit.detach()) * unit).sum(-1).mean())
-        self._follow()
+            descend(self._optimizers[0], -(self._inverted_gradient(seen, unit.detach()) * unit).sum(-1).mean())
+        self._polyak_update()
         return {"critic_loss": float(critic_loss.detach()), "q": float(target.mean())}
 
-    def _uphill(self, seen: Tensor, unit: Tensor) -> Tensor:
-        """dQ/da at actions (n, d), the less the nearer the side of the box it points to, and inverted behind it.
+    def _inverted_gradient(self, seen: Tensor, unit: Tensor) -> Tensor:
+        """dQ/da at actions (n, d), the less the nearer the bound it points to, and inverted behind it.
 
         A tanh in its place is stuck in the first corner that a young critic sends it to (Hausknecht and Stone 2016,
         arXiv:1511.04143, section 4).
@@ -157,7 +136,8 @@ class DdpgComposer:
         return gradient * room.detach()
 
     @torch.no_grad()
-    def _follow(self) -> None:
+    def _polyak_update(self) -> None:
+        """Let the target networks follow, by tau (Lillicrap et al. 2016, algorithm 1)."""
         for target, net in ((self._target_actor, self.actor), (self._target_critic, self.critic)):
             for slow, fast in zip(target.parameters(), net.parameters(), strict=True):
                 slow.lerp_(fast, self._settings.target_rate)

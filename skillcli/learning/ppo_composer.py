@@ -1,4 +1,4 @@
-"""Proximal policy optimisation over latents, with the on-policy learner's own functions: advantages, surrogate, step size."""
+"""Proximal policy optimisation over latents, with the advantages and the update of the on-policy learner."""
 
 from __future__ import annotations
 
@@ -9,30 +9,31 @@ import torch
 from torch import Tensor
 
 from skillcli.learning import gaussian
-from skillcli.learning.composer import Head, LatentBox, Normalizer, Trace, arrays_of, check_finite, descend, tensor
+from skillcli.learning.composer import Head, LatentBounds, Normalizer, Trace, arrays_of, check_finite, tensor
+from skillcli.learning.descent import descend, minibatches
 from skillcli.learning.gae import advantages
 from skillcli.learning.ppo import PpoSettings
-from skillcli.learning.te_ppo import adapted_learning_rate, approximate_kl, surrogate_loss
+from skillcli.learning.ppo_update import standardised, update_policy
 from skillcli.seeding import generator, torch_generator
 from skillcli.trajectories import Array
 
-MIN_STD = 0.02  # of the exploration, in units of half the latent box
+MIN_STD = 0.02  # of the exploration, in units of half the range of latents
 
 
 class PpoComposer:
-    """See `composition.episodes.Composer`. pi(z|s) is a Gaussian in units of the latent box; what leaves it is clipped.
+    """See `composition.episodes.Composer`. pi(z|s) is a Gaussian in units of the bounds; what leaves it is clipped.
 
     Args:
         features: size f of what is seen.
-        box: (2, d) lowest and highest latent.
+        bounds: (2, d) lowest and highest latent.
         settings: the recipe's.
         seed: of weights and chance.
     """
 
-    def __init__(self, features: int, box: Array, settings: PpoSettings, seed: int) -> None:
+    def __init__(self, features: int, bounds: Array, settings: PpoSettings, seed: int) -> None:
         torch.set_num_threads(1)  # results must not depend on how many cores there are
-        self._settings, self._rng, size = settings, generator(seed, "ppo"), box.shape[1]
-        self._box = LatentBox(box)
+        self._settings, self._rng, size = settings, generator(seed, "ppo"), bounds.shape[1]
+        self._bounds = LatentBounds(bounds)
         make = torch_generator(seed, "ppo")
         self.normalizer = Normalizer(features)
         self.policy = Head(features, settings.hidden, size, True, 0.01, make)
@@ -44,20 +45,20 @@ class PpoComposer:
         self._round = 0
 
     @torch.no_grad()
-    def choose(self, features: Array) -> Array:
+    def act(self, features: Array) -> Array:
         """See `Composer`."""
         mean = self.policy(self.normalizer(tensor(features)))
         noise = tensor(self._rng.standard_normal(mean.shape))
         noise[0] = 0.0
         unit = mean + self.log_std.exp() * noise
         self._trace.chose(features, unit.numpy())
-        return self._box.latent(unit.numpy())
+        return self._bounds.latent(unit.numpy())
 
-    def learn(self, reward: Array, features: Array, terminated: Array) -> None:
+    def observe(self, reward: Array, features: Array, terminated: Array) -> None:
         """See `Composer`."""
         self._trace.led(reward, features, terminated)
 
-    def improve(self, valid: Array) -> dict[str, float]:
+    def update(self, valid: Array) -> dict[str, float]:
         """See `Composer`; the first episode is left out, it was not drawn from the policy."""
         on_policy = valid.copy()
         on_policy[:, 0] = False
@@ -88,31 +89,33 @@ class PpoComposer:
             settings.discount, settings.gae_lambda,
         )  # fmt: skip
         target = tensor(advantage + value[:-1])[chosen]
-        flat = tensor(advantage)[chosen]
-        standard = (flat - flat.mean()) / (flat.std() + 1e-8)
-        return self._epochs(seen[:-1][chosen], unit[chosen], old, standard, target)
+        return self._epochs(seen[:-1][chosen], unit[chosen], old, standardised(tensor(advantage)[chosen]), target)
 
     def _epochs(self, seen: Tensor, unit: Tensor, old: Tensor, advantage: Tensor, target: Tensor) -> dict[str, float]:
-        settings, divergence, value_loss = self._settings, 0.0, torch.zeros(())
-        for _ in range(settings.epochs):
-            order = self._rng.permutation(len(seen))
-            divergences = []
-            for piece in np.array_split(order, max(1, round(len(order) / settings.minibatch))):
-                at = torch.from_numpy(piece)
-                log_prob = gaussian.log_prob(unit[at], self.policy(seen[at]), self.log_std.exp())
-                loss = surrogate_loss(log_prob, old[at], advantage[at], settings.clip)
-                descend(self._actor, loss, settings.max_grad_norm)
-                with torch.no_grad():
-                    self.log_std.clamp_(math.log(MIN_STD), 0.0)
-                value_loss = (self.value(seen[at]).squeeze(-1) - target[at]).square().mean()
+        settings = self._settings
+        orders = [self._rng.permutation(len(seen)) for _ in range(settings.epochs)]
+        kl = update_policy(
+            self._actor,
+            orders,
+            lambda chosen: gaussian.log_prob(unit[chosen], self.policy(seen[chosen]), self.log_std.exp()),
+            old,
+            advantage,
+            settings,
+            settings.target_kl,
+            self._bound,
+        )
+        value_loss = torch.zeros(())
+        for order in orders:
+            for chosen in minibatches(order, settings.minibatch):
+                value_loss = (self.value(seen[chosen]).squeeze(-1) - target[chosen]).square().mean()
                 descend(self._critic, value_loss, settings.max_grad_norm)
-                divergences.append(float(approximate_kl(log_prob.detach(), old[at])))
-            divergence = sum(divergences) / len(divergences)
-            group = self._actor.param_groups[0]
-            group["lr"] = adapted_learning_rate(group["lr"], divergence, settings.target_kl)
         return {
-            "kl": divergence,
+            "kl": kl,
             "value_loss": float(value_loss.detach()),
             "learning_rate": self._actor.param_groups[0]["lr"],
             "latent_std": float(self.log_std.detach().exp().mean()),
         }
+
+    @torch.no_grad()
+    def _bound(self) -> None:
+        self.log_std.clamp_(math.log(MIN_STD), 0.0)

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 from skillcli.learning.agent import Actor, Agent
+from skillcli.learning.ring_buffer import RingBuffer
 from skillcli.trajectories import Array
 
 
@@ -68,29 +69,23 @@ class Rollout:
     seconds: float  # spent in all, resets and drawing of noise included
 
 
-class StartPool:
-    """States that earlier rollouts passed through: a ring of the latest, to start new episodes from."""
+class StartPool(RingBuffer):
+    """States that earlier rollouts passed through, to start new episodes from."""
 
     SNAPSHOTS = 4  # moments of each rollout that are kept
 
-    def __init__(self, capacity: int) -> None:
-        self.rows: Array | None = None
-        self.capacity, self.filled, self.next = capacity, 0, 0
+    @property
+    def rows(self) -> Array | None:
+        """(capacity, S), None as long as nothing was added."""
+        return self.columns[0] if self.columns else None
 
-    def add(self, rows: Array) -> None:
-        """Keep rows (n, S), over the oldest ones when full."""
-        if self.rows is None:
-            self.rows = np.zeros((self.capacity, rows.shape[1]))
-        places = (self.next + np.arange(len(rows))) % self.capacity
-        self.rows[places] = rows
-        self.next = int((self.next + len(rows)) % self.capacity)
-        self.filled = min(self.capacity, self.filled + len(rows))
+    @rows.setter
+    def rows(self, rows: Array | None) -> None:
+        self.columns = () if rows is None else (rows,)
 
-    def draw(self, n: int, rng: np.random.Generator) -> Array:
-        """(n, S) states drawn with replacement; only when something was added."""
-        assert self.rows is not None
-        drawn: Array = self.rows[rng.integers(self.filled, size=n)]
-        return drawn
+    def draw(self, count: int, rng: np.random.Generator) -> Array:
+        """(count, S) states drawn with replacement; only when something was added."""
+        return self.sample(count, rng)[0]
 
 
 def start_episodes(env: VectorEnvironment, pool: StartPool, chained: float, rng: np.random.Generator) -> Array:

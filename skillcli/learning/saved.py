@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
-from skillcli.learning.te_ppo import RATES
+from skillcli.learning.ppo_update import RATES
 from skillcli.trajectories import Array
 
 if TYPE_CHECKING:

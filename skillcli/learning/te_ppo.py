@@ -12,7 +12,6 @@ that z, so the embedding learns through the policy.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -22,23 +21,12 @@ from torch import Tensor
 
 from skillcli.learning import gaussian
 from skillcli.learning.agent import Agent, one_hot, windows
+from skillcli.learning.descent import descend, minibatches
 from skillcli.learning.gae import advantages
+from skillcli.learning.ppo_update import standardised, update_policy
 from skillcli.learning.rollout import Rollout
 from skillcli.learning.settings import Training
 from skillcli.trajectories import Array
-
-
-def surrogate_loss(log_prob: Tensor, old_log_prob: Tensor, advantage: Tensor, clip: float) -> Tensor:
-    """PPO's clipped surrogate, negated (Schulman et al. 2017, arXiv:1707.06347, eq. 7); (n,) each to a scalar."""
-    ratio = (log_prob - old_log_prob).exp()
-    clipped = ratio.clamp(1.0 - clip, 1.0 + clip)
-    return -torch.min(ratio * advantage, clipped * advantage).mean()
-
-
-def approximate_kl(log_prob: Tensor, old_log_prob: Tensor) -> Tensor:
-    """KL(old || new) from samples of old: the unbiased, non-negative estimator (r - 1) - log r (Schulman 2020)."""
-    log_ratio = log_prob - old_log_prob
-    return (log_ratio.exp() - 1.0 - log_ratio).mean()
 
 
 def augmented_reward(reward: Array, log_q: Array, training: Training) -> Array:
@@ -46,19 +34,6 @@ def augmented_reward(reward: Array, log_q: Array, training: Training) -> Array:
     diversity = np.clip(log_q, -training.inference_clip, training.inference_clip)
     augmented: Array = training.reward_scale * reward + training.inference_reward * diversity
     return augmented
-
-
-RATES = (1e-5, 1e-2)
-"""The smallest and the largest step size of the policy."""
-
-
-def adapted_learning_rate(rate: float, kl: float, target: float) -> float:
-    """A smaller step where the policy moved too far, a larger one where it hardly moved; within `RATES`."""
-    if kl > 2.0 * target:
-        rate /= 1.5
-    elif kl < 0.5 * target:
-        rate *= 1.5
-    return min(max(rate, RATES[0]), RATES[1])
 
 
 FINAL_KL_SHARE = 0.05  # of the target KL, at the end of training
@@ -147,13 +122,12 @@ def prepare(rollout: Rollout, agent: Agent, training: Training) -> tuple[Batch, 
     old_log_prob = gaussian.log_prob(action, agent.policy(observation[:-1], latent[1:]), agent.policy.std)
 
     valid = torch.from_numpy(rollout.valid)
-    flat_advantage = torch.from_numpy(advantage)[valid]
     batch = Batch(
         observation=observation[:-1][valid],
         privileged=privileged[:-1][valid],
         action=action[valid],
         old_log_prob=old_log_prob[valid],
-        advantage=(flat_advantage - flat_advantage.mean()) / (flat_advantage.std() + 1e-8),
+        advantage=standardised(torch.from_numpy(advantage)[valid]),
         value_target=torch.from_numpy(target)[valid],
         skill=skill.expand(steps, -1)[valid],
         noise=torch.from_numpy(rollout.noise).expand(steps, -1, -1)[valid],
@@ -183,37 +157,24 @@ def update(
         return actor.result() | critic.result()
 
 
-def _minibatches(order: Array, size: int) -> Iterator[Tensor]:
-    pieces = max(1, round(len(order) / size))
-    for piece in np.array_split(order, pieces):
-        yield torch.from_numpy(piece)
-
-
-def _descend(optimizer: torch.optim.Adam, loss: Tensor, max_norm: float) -> None:
-    optimizer.zero_grad(set_to_none=True)
-    loss.backward()  # type: ignore[no-untyped-call]
-    weights = optimizer.param_groups[0]["params"]
-    torch.nn.utils.clip_grad_norm_(weights, max_norm)
-    optimizer.step()
-
-
 def _update_actor(
     batch: Batch, agent: Agent, optimizers: Optimizers, training: Training, target_kl: float, orders: list[Array]
 ) -> dict[str, float]:
-    kl = 0.0
-    for order in orders:
-        divergences: list[float] = []
-        for chosen in _minibatches(order, training.minibatch):
-            log_prob = _log_prob(batch, agent, chosen)
-            old = batch.old_log_prob[chosen]
-            loss = surrogate_loss(log_prob, old, batch.advantage[chosen], training.clip)
-            loss = loss - training.policy_entropy * gaussian.entropy(agent.policy.std)
-            loss = loss - training.embedding_entropy * gaussian.entropy(agent.embedding.std).mean()
-            _descend(optimizers.policy, loss, training.max_grad_norm)
-            agent.policy.bound()
-            divergences.append(float(approximate_kl(log_prob.detach(), old)))
-        kl = sum(divergences) / len(divergences)
-        optimizers.policy_rate = adapted_learning_rate(optimizers.policy_rate, kl, target_kl)
+    def with_entropies(loss: Tensor) -> Tensor:
+        loss = loss - training.policy_entropy * gaussian.entropy(agent.policy.std)
+        return loss - training.embedding_entropy * gaussian.entropy(agent.embedding.std).mean()
+
+    kl = update_policy(
+        optimizers.policy,
+        orders,
+        lambda chosen: _log_prob(batch, agent, chosen),
+        batch.old_log_prob,
+        batch.advantage,
+        training,
+        target_kl,
+        agent.policy.bound,
+        with_entropies,
+    )
     return {
         "kl": kl,
         "learning_rate": optimizers.policy_rate,
@@ -234,12 +195,12 @@ def _update_critics(
 ) -> dict[str, float]:
     value_loss = inference_loss = torch.zeros(())
     for order in orders:
-        for chosen in _minibatches(order, training.minibatch):
+        for chosen in minibatches(order, training.minibatch):
             skill = one_hot(batch.skill[chosen], agent.skills)
             value = agent.value(batch.observation[chosen], batch.privileged[chosen], batch.latent[chosen], skill)
             value_loss = (value - batch.value_target[chosen]).square().mean()
-            _descend(optimizers.value, value_loss, training.max_grad_norm)
+            descend(optimizers.value, value_loss, training.max_grad_norm)
             mean, std = agent.inference(batch.window[chosen])
             inference_loss = -gaussian.log_prob(batch.latent[chosen], mean, std).mean()
-            _descend(optimizers.inference, inference_loss, training.max_grad_norm)
+            descend(optimizers.inference, inference_loss, training.max_grad_norm)
     return {"value_loss": float(value_loss.detach()), "inference_loss": float(inference_loss.detach())}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from plane import ORIGIN, Plane
 
-from skillcli.composition.episodes import FAILED, Episodes, EpisodeSettings
+from skillcli.composition.episodes import FAILED, Episodes, EpisodeSettings, Moment
 from skillcli.composition.planner import run
 from skillcli.composition.route import Route
 from skillcli.trajectories import Array
@@ -21,7 +21,7 @@ class Scripted:
         self.terminated: list[Array] = []
         self.valid: list[Array] = []
 
-    def choose(self, features: Array) -> Array:
+    def act(self, features: Array) -> Array:
         if not self.features:
             self.features.append(features)
         latent = np.zeros((len(features), 2))
@@ -29,12 +29,12 @@ class Scripted:
         latent[-1, 0] = -1
         return latent
 
-    def learn(self, reward: Array, features: Array, terminated: Array) -> None:
+    def observe(self, reward: Array, features: Array, terminated: Array) -> None:
         self.rewards.append(reward)
         self.features.append(features)
         self.terminated.append(terminated)
 
-    def improve(self, valid: Array) -> dict[str, float]:
+    def update(self, valid: Array) -> dict[str, float]:
         self.round += 1
         self.valid.append(valid)
         return {"round": float(self.round)}
@@ -46,7 +46,8 @@ class Scripted:
 def episodes(composer: Scripted, rounds: int = 1, good_enough: float = 0.0) -> Episodes:
     settings = EpisodeSettings(goal_tolerance=0.01, good_enough=good_enough, reward_scale=10.0, iterations=rounds)
     route = Route(np.array([[4.0, 0, 0]]), tolerance=0.1)
-    return Episodes(ORIGIN, ORIGIN[None], ORIGIN[:2], route, composer, num=3, steps=2, segments=3, settings=settings)
+    start = Moment(np.tile(ORIGIN, (3, 1)), np.tile(ORIGIN, (3, 1, 1)), np.tile(ORIGIN[:2], (3, 1)))
+    return Episodes(start, route, composer, steps=2, segments=3, settings=settings)
 
 
 def play(planner: Episodes, world: Plane | None = None) -> Episodes:
@@ -68,7 +69,7 @@ def test_rewards_are_the_metres_left_on_average_and_an_episode_is_over_where_it_
 
 def test_the_plan_ends_the_moment_it_arrives() -> None:
     planner = play(episodes(Scripted(speeds=(0.8,))))
-    assert [segment.steps for segment in planner.plan()] == [2, 2, 1] and planner.best == (0, 0.01, 5)
+    assert [segment.steps for segment in planner.plan()] == [2, 2, 1] and planner.merit == (0, 0.01, 5)
 
 
 def test_the_best_plan_of_the_first_episode_is_kept_with_its_weights() -> None:
@@ -81,7 +82,7 @@ def test_the_best_plan_of_the_first_episode_is_kept_with_its_weights() -> None:
 
 def test_who_arrives_sooner_is_better() -> None:
     planner = play(episodes(Scripted(speeds=(0.8, 1.0, 0.8)), rounds=3))
-    assert planner.best == (0, 0.01, 4) and planner.weights["round"] == 1
+    assert planner.merit == (0, 0.01, 4) and planner.weights["round"] == 1
 
 
 def test_learning_ends_once_it_is_good_enough() -> None:

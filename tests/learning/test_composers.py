@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from skillcli.errors import SkillError
-from skillcli.learning.composer import LatentBox, check_finite
+from skillcli.learning.composer import LatentBounds, check_finite
 from skillcli.learning.ddpg import DdpgSettings
-from skillcli.learning.ddpg_composer import DdpgComposer, Replay
+from skillcli.learning.ddpg_composer import DdpgComposer
 from skillcli.learning.ppo import PpoSettings
 from skillcli.learning.ppo_composer import PpoComposer
 from skillcli.trajectories import Array
@@ -38,10 +38,10 @@ def teach(composer: DdpgComposer | PpoComposer, rounds: int, num: int, steps: in
     for _ in range(rounds):
         features = np.zeros((num, 2))
         for t in range(steps):
-            latent = composer.choose(features)
+            latent = composer.act(features)
             chosen[t], features = latent[0], np.full((num, 2), (t + 1) / steps)
-            composer.learn(-np.linalg.norm(latent - GOAL, axis=1), features, np.zeros(num, dtype=bool))
-        composer.improve(np.ones((steps, num), dtype=bool))
+            composer.observe(-np.linalg.norm(latent - GOAL, axis=1), features, np.zeros(num, dtype=bool))
+        composer.update(np.ones((steps, num), dtype=bool))
     return chosen
 
 
@@ -52,7 +52,7 @@ def test_ddpg_finds_the_latent_that_is_worth_most() -> None:
 @pytest.mark.parametrize("candidates", [1, 3])
 def test_a_discrete_ddpg_only_ever_chooses_what_it_may_and_finds_the_best(candidates: int) -> None:
     composer = ddpg(CHOICES, candidates=candidates)
-    tried = np.concatenate([composer.choose(np.zeros((16, 2))) for _ in range(3)])
+    tried = np.concatenate([composer.act(np.zeros((16, 2))) for _ in range(3)])
     assert {tuple(np.round(latent, 4)) for latent in tried} <= {tuple(choice) for choice in CHOICES}
     np.testing.assert_allclose(teach(ddpg(CHOICES, candidates=candidates), 20, 16), [[2, 1], [2, 1]], atol=1e-5)
 
@@ -71,35 +71,24 @@ def test_the_seed_decides_everything(make: object) -> None:
 def test_latents_stay_in_their_box_and_episode_zero_does_not_explore() -> None:
     for composer in (ddpg(noise=50.0, warm_up=1), PpoComposer(2, BOX, PPO.model_copy(update={"initial_std": 1.0}), 0)):
         teach(composer, 2, 8)
-        chosen = composer.choose(np.zeros((200, 2)))
+        chosen = composer.act(np.zeros((200, 2)))
         assert (chosen >= BOX[0] - 1e-6).all() and (chosen <= BOX[1] + 1e-6).all()
         assert len(np.unique(chosen[1:], axis=0)) > 4
-        np.testing.assert_allclose(composer.choose(np.zeros((200, 2)))[0], chosen[0])
+        np.testing.assert_allclose(composer.act(np.zeros((200, 2)))[0], chosen[0])
 
 
 def test_units_and_latents_are_the_same_thing() -> None:
-    box = LatentBox(BOX)
+    box = LatentBounds(BOX)
     assert box.latent(np.array([[-1.0, 0], [1, 7]])).tolist() == [[-1, 1], [3, 2]], "what leaves the box is clipped"
     np.testing.assert_allclose(box.unit(box.latent(np.array([[0.3, -0.7]]))), [[0.3, -0.7]])
-
-
-def test_the_replay_forgets_the_oldest_first() -> None:
-    replay = Replay(4, 1, 1)
-    for value in range(6):
-        column = np.full((1, 1), float(value))
-        replay.add(column, column, column[0], column, column[0])
-    assert replay.filled == 4
-    columns = replay.sample(100, np.random.default_rng(0))
-    assert set(columns[2].tolist()) == {2, 3, 4, 5}
-    assert all(torch.equal(columns[0][:, 0], column.reshape(-1)) for column in columns), "rows stay together"
 
 
 def test_what_came_after_a_failure_is_not_learned_from() -> None:
     composer = ddpg(warm_up=1, gradient_steps=1)
     for _ in range(2):
-        composer.choose(np.zeros((3, 2)))
-        composer.learn(np.zeros(3), np.zeros((3, 2)), np.zeros(3, dtype=bool))
-    composer.improve(np.array([[True, True, True], [True, True, False]]))
+        composer.act(np.zeros((3, 2)))
+        composer.observe(np.zeros(3), np.zeros((3, 2)), np.zeros(3, dtype=bool))
+    composer.update(np.array([[True, True, True], [True, True, False]]))
     assert composer.replay.filled == 5
 
 
@@ -108,9 +97,9 @@ def test_a_composer_that_comes_apart_says_so(make: object) -> None:
     composer = make()  # type: ignore[operator]
     with pytest.raises(SkillError, match="came apart") as caught:
         for _ in range(3):
-            composer.choose(np.zeros((8, 2)))
-            composer.learn(np.full(8, np.nan), np.zeros((8, 2)), np.zeros(8, dtype=bool))
-            composer.improve(np.ones((1, 8), dtype=bool))
+            composer.act(np.zeros((8, 2)))
+            composer.observe(np.full(8, np.nan), np.zeros((8, 2)), np.zeros(8, dtype=bool))
+            composer.update(np.ones((1, 8), dtype=bool))
     assert "learning_rate" in caught.value.hint
 
 

@@ -7,15 +7,9 @@ import pytest
 import torch
 
 from skillcli.learning import gaussian
+from skillcli.learning.ppo_update import adapted_learning_rate, approximate_kl, surrogate_loss
 from skillcli.learning.settings import Training
-from skillcli.learning.te_ppo import (
-    adapted_learning_rate,
-    approximate_kl,
-    augmented_reward,
-    settled_kl,
-    settled_std,
-    surrogate_loss,
-)
+from skillcli.learning.te_ppo import augmented_reward, settled_kl, settled_std
 
 # ratio, advantage, what the objective counts with a clip of 0.2, whether it still pulls
 SURROGATE = [

@@ -1,0 +1,27 @@
+"""Gradient steps, and the minibatches that they are taken on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from skillcli.trajectories import Array
+
+
+def minibatches(order: Array, size: int) -> Iterator[Tensor]:
+    """A permutation (n,) cut into pieces of about this size, one at least."""
+    for piece in np.array_split(order, max(1, round(len(order) / size))):
+        yield torch.from_numpy(piece)
+
+
+def descend(optimizer: torch.optim.Optimizer, loss: Tensor, max_norm: float = math.inf) -> None:
+    """One gradient step, the gradient's norm clipped."""
+    optimizer.zero_grad(set_to_none=True)
+    loss.backward()  # type: ignore[no-untyped-call]
+    if math.isfinite(max_norm):
+        torch.nn.utils.clip_grad_norm_(optimizer.param_groups[0]["params"], max_norm)
+    optimizer.step()
