@@ -74,16 +74,16 @@ class Composer(Protocol):
 class Moment:
     """How N episodes stand."""
 
-    rows: Array  # (N, S) states
+    sim_states: Array  # (N, S) states
     keypoints: Array  # (N, L, 3) m
     observation: Array  # (N, o)
 
     @staticmethod
     def start(world: LatentEnvironment, num: int) -> Moment:
         """N times the start of a world with one robot."""
-        row, keypoints = world.start()
-        observation = world.observe(row)
-        return Moment(np.tile(row, (num, 1)), np.tile(keypoints, (num, 1, 1)), np.tile(observation, (num, 1)))
+        sim_state, keypoints = world.start()
+        observation = world.observe(sim_state)
+        return Moment(np.tile(sim_state, (num, 1)), np.tile(keypoints, (num, 1, 1)), np.tile(observation, (num, 1)))
 
     def unless(self, over: Array, other: Moment) -> Moment:
         """The same, with another moment for the episodes that are over, (N,) bool."""
@@ -107,7 +107,7 @@ class Round:
 
     def __init__(self, start: Moment, route: Route, settings: EpisodeSettings, steps: int) -> None:
         self._start, self._route, self._settings, self._steps = start, route, settings, steps
-        num = len(start.rows)
+        num = len(start.sim_states)
         self.now = start
         self.next_waypoint = np.zeros(num, dtype=int)
         self.failed, self.arrived = np.zeros(num, dtype=bool), np.zeros(num, dtype=bool)
@@ -149,7 +149,7 @@ class Round:
             self.plan.append(Segment(latent[0].astype(float), -1, "latent", steps))
             self.gap = float(self._route.final_gap(path[0, steps]))
         # where an episode is over, nothing is looked at or stepped again: the state may be broken
-        self.now = Moment(outcome.rows, path[:, -1], outcome.observation[:, 0]).unless(self.over, self._start)
+        self.now = Moment(outcome.sim_states, path[:, -1], outcome.observation[:, 0]).unless(self.over, self._start)
         self.valid.append(valid)
         self.total += np.where(valid, reward, 0.0)
         return reward, failed | arrived
@@ -198,7 +198,7 @@ class Episodes:
     def ask(self) -> Proposal:
         """See `Planner`."""
         self._latent = self._composer.act(self._round.features)
-        return Proposal(self._round.now.rows, self._latent, self._steps)
+        return Proposal(self._round.now.sim_states, self._latent, self._steps)
 
     def tell(self, outcome: Outcome) -> None:
         """See `Planner`."""

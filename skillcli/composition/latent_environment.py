@@ -37,7 +37,7 @@ class Simulations(Protocol):
     def save(self, ids: Array) -> Array:
         """Whole states, (n, S)."""
 
-    def restore(self, ids: Array, rows: Array) -> None:
+    def restore(self, ids: Array, sim_states: Array, /) -> None:
         """Put saved states into slots."""
 
     def violations(self) -> Array:
@@ -50,7 +50,7 @@ class Outcome:
 
     path: Array  # (n, M, T+1, L, 3) m, keypoints on M robots, the judged one first; row 0 before the first step
     failed: Array  # (n, M) bool
-    rows: Array  # (n, S) whole states of all robots behind the last step
+    sim_states: Array  # (n, S) whole states of all robots behind the last step
     observation: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))  # (n, M, o) what the policy sees there
 
 
@@ -77,18 +77,18 @@ class LatentEnvironment:
         first = np.arange(self.robots)
         return self._env.save(first).ravel(), self._env.landmarks()[first]
 
-    def observe(self, row: Array) -> Array:
+    def observe(self, sim_state: Array) -> Array:
         """What the policy sees in a state, (S,) to (M, o)."""
         first = np.arange(self.robots)
-        self._env.restore(first, row.reshape(self.robots, -1))
+        self._env.restore(first, sim_state.reshape(self.robots, -1))
         seen: Array = self._env.observe()[first]
         return seen
 
-    def hold(self, rows: Array, latent: Array, steps: int) -> Outcome:
+    def hold(self, sim_states: Array, latent: Array, steps: int) -> Outcome:
         """From states (n, S), hold latents (n, d) for some control steps, n as large as it may be."""
         parts = [
-            self._hold(rows[first:][: self.slots], latent[first:][: self.slots], steps)
-            for first in range(0, len(rows), self.slots)
+            self._hold(sim_states[first:][: self.slots], latent[first:][: self.slots], steps)
+            for first in range(0, len(sim_states), self.slots)
         ]
         return Outcome(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Outcome)))
 
@@ -99,13 +99,13 @@ class LatentEnvironment:
         broken: Array = (violations & kept).any(axis=1)
         return broken
 
-    def _hold(self, rows: Array, latent: Array, steps: int) -> Outcome:
+    def _hold(self, sim_states: Array, latent: Array, steps: int) -> Outcome:
         """The same from as many states as there are slots, at most."""
-        count, robots = len(rows), self.robots
+        count, robots = len(sim_states), self.robots
         used = np.arange(count * robots)
         held = np.zeros((self._env.num, latent.shape[1]))
         held[used] = np.repeat(latent, robots, axis=0)
-        self._env.restore(used, rows.reshape(count * robots, -1))
+        self._env.restore(used, sim_states.reshape(count * robots, -1))
         path = [self._env.landmarks()[used]]
         failed = np.zeros(len(used), dtype=bool)
         observation = self._env.observe()
@@ -124,6 +124,6 @@ class LatentEnvironment:
         return Outcome(
             path=along.reshape(count, robots, *along.shape[1:]),
             failed=failed.reshape(count, robots),
-            rows=self._env.save(used).reshape(count, -1),
+            sim_states=self._env.save(used).reshape(count, -1),
             observation=observation[used].reshape(count, robots, -1),
         )

@@ -43,14 +43,14 @@ class MpcSettings(MethodSettings):
 class Trial:
     """Sequences of H latents under way, all from one state, segment by segment."""
 
-    def __init__(self, sequences: Array, row: Array, next_waypoint: Array) -> None:
+    def __init__(self, sequences: Array, sim_state: Array, next_waypoint: Array) -> None:
         count = len(sequences)
         self.sequences = sequences  # (n, H, d)
-        self.rows = np.tile(row, (count, 1))
+        self.sim_states = np.tile(sim_state, (count, 1))
         self.next_waypoint = np.tile(next_waypoint, (count, 1))  # (n, M)
         self.cost, self.over = np.zeros(count), np.zeros(count, dtype=bool)
         self.segment = 0  # how many were tried already
-        self.first: tuple[Array, Array, RouteProgress] | None = None  # what the first one led to: rows, keypoints
+        self.first: tuple[Array, Array, RouteProgress] | None = None  # what the first one led to: sim_states, keypoints
 
     def take(self, outcome: Outcome, route: Route, within: float) -> None:
         """What the present segment led to; a sequence that arrived costs nothing more."""
@@ -58,9 +58,12 @@ class Trial:
         failed = outcome.failed.any(axis=1)
         self.cost += np.where(self.over, 0.0, progress.cost) + np.where(failed & ~self.over, FAILED, 0.0)
         self.over |= (progress.arrived > 0) | failed
-        self.next_waypoint, self.rows = progress.next_waypoint, np.where(self.over[:, None], self.rows, outcome.rows)
+        self.next_waypoint, self.sim_states = (
+            progress.next_waypoint,
+            np.where(self.over[:, None], self.sim_states, outcome.sim_states),
+        )
         if self.first is None:
-            self.first = outcome.rows, outcome.path, progress
+            self.first = outcome.sim_states, outcome.path, progress
         self.segment += 1
 
 
@@ -68,7 +71,7 @@ class ModelPredictiveControl:
     """See `Planner`.
 
     Args:
-        row: (S,) the start state.
+        sim_state: (S,) the start state.
         keypoints: (M, L, 3) m, there, on M robots.
         route: where to go.
         means: (K, d) of the skills; holding each is among the first sequences tried before every segment.
@@ -80,10 +83,10 @@ class ModelPredictiveControl:
     """
 
     def __init__(
-        self, row: Array, keypoints: Array, route: Route, means: Array, bounds: Array, settings: MpcSettings, steps: int,
+        self, sim_state: Array, keypoints: Array, route: Route, means: Array, bounds: Array, settings: MpcSettings, steps: int,
         longest: int, rng: np.random.Generator,
     ) -> None:  # fmt: skip
-        self._row, self._keypoints, self._next_waypoint = row, keypoints, np.zeros(len(keypoints), dtype=int)
+        self._sim_state, self._keypoints, self._next_waypoint = sim_state, keypoints, np.zeros(len(keypoints), dtype=int)
         self._route, self._means, self._settings = route, means, settings
         self._bounds, self._steps, self._longest, self._rng = bounds, steps, longest, rng
         self._half = (bounds[1] - bounds[0]) / 2
@@ -124,7 +127,7 @@ class ModelPredictiveControl:
 
     def ask(self) -> Proposal:
         """See `Planner`: the next segment of all sequences."""
-        return Proposal(self._trial.rows, self._trial.sequences[:, self._trial.segment], self._steps)
+        return Proposal(self._trial.sim_states, self._trial.sequences[:, self._trial.segment], self._steps)
 
     def tell(self, outcome: Outcome) -> None:
         """See `Planner`."""
@@ -140,7 +143,7 @@ class ModelPredictiveControl:
         held = np.repeat(self._means[:, None], settings.lookahead, axis=1) if best is None else best[None]
         known = np.concatenate([self._mean[None], held])[: settings.samples]
         drawn[: len(known)] = known
-        return Trial(drawn, self._row, self._next_waypoint)
+        return Trial(drawn, self._sim_state, self._next_waypoint)
 
     def _judge(self) -> None:
         """A round is over: narrow down around the elites, or take the first latent of the best sequence."""
@@ -158,10 +161,14 @@ class ModelPredictiveControl:
     def _take(self, best: int) -> None:
         """Go on from where the first latent of a sequence led; the rest of the sequence is what is drawn around next."""
         assert self._trial.first is not None
-        rows, path, progress = self._trial.first
+        sim_states, path, progress = self._trial.first
         arrived = int(progress.arrived[best])
         steps = arrived or self._steps
-        self._row, self._keypoints, self._next_waypoint = rows[best], path[best, :, steps], progress.next_waypoint[best]
+        self._sim_state, self._keypoints, self._next_waypoint = (
+            sim_states[best],
+            path[best, :, steps],
+            progress.next_waypoint[best],
+        )
         sequence = self._trial.sequences[best]
         self._segments.append(Segment(sequence[0], -1, "latent", steps))
         self._arrived = arrived > 0
@@ -171,12 +178,12 @@ class ModelPredictiveControl:
 
 
 def mpc_from(
-    problem: PlanningProblem, row: Array, keypoints: Array, waypoints: Array, longest: int, rng: np.random.Generator
+    problem: PlanningProblem, sim_state: Array, keypoints: Array, waypoints: Array, longest: int, rng: np.random.Generator
 ) -> ModelPredictiveControl:
     """Model predictive control from a state (S,) with keypoints (M, L, 3) m to waypoints, for some segments at most."""
     settings = problem.settings_as(MpcSettings)
     route, steps = problem.towards(waypoints), problem.steps(settings.segment)
-    return ModelPredictiveControl(row, keypoints, route, problem.mean, problem.bounds, settings, steps, longest, rng)
+    return ModelPredictiveControl(sim_state, keypoints, route, problem.mean, problem.bounds, settings, steps, longest, rng)
 
 
 def plan(problem: PlanningProblem) -> PlanResult:

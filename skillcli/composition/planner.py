@@ -15,7 +15,7 @@ from skillcli.trajectories import Array
 class Proposal:
     """Latents to hold, each from a state of its own."""
 
-    rows: Array  # (n, S) whole states, opaque, as the world gave them
+    sim_states: Array  # (n, S) whole states, opaque, as the world gave them
     latent: Array  # (n, d)
     steps: int  # control steps, the same for all
 
@@ -45,5 +45,5 @@ def run(planner: Planner, world: LatentEnvironment, told: Callable[[int, int, st
     """Let a planner try latents in a world until it is finished, and tell after each try how far it is."""
     while not planner.finished:
         proposal = planner.ask()
-        planner.tell(world.hold(proposal.rows, proposal.latent, proposal.steps))
+        planner.tell(world.hold(proposal.sim_states, proposal.latent, proposal.steps))
         told(*planner.done)

@@ -78,7 +78,7 @@ class Expansions:
         count = len(self.search.choices.latent)
         self._parents = [node for node in nodes for _ in range(count)]
         self._choice: Array = np.tile(np.arange(count), len(nodes))
-        self._rows = np.stack([node.row for node in self._parents])
+        self._sim_states = np.stack([node.sim_state for node in self._parents])
         robots, *shape = self.search.best.keypoints.shape
         self._path: Array = np.empty((len(self._parents), robots, 0, *shape))
         self._failed: Array = np.zeros((len(self._parents), robots), dtype=bool)
@@ -117,14 +117,14 @@ class Expansions:
         """See `Planner`."""
         if not self._left:
             self._begin(self.search.ask(self._batch))
-        return Proposal(self._rows, self.search.choices.latent[self._choice], self._left[0] - self._held)
+        return Proposal(self._sim_states, self.search.choices.latent[self._choice], self._left[0] - self._held)
 
     def tell(self, outcome: Outcome) -> None:
         """See `Planner`."""
         self._path = np.concatenate([self._path[:, :, :-1] if self._held else self._path, outcome.path], axis=2)
         self._failed |= outcome.failed
-        self._rows, self._held = outcome.rows, self._left.pop(0)
-        so_far = Outcome(self._path, self._failed, self._rows)
+        self._sim_states, self._held = outcome.sim_states, self._left.pop(0)
+        so_far = Outcome(self._path, self._failed, self._sim_states)
         self.search.tell(self._parents, self._choice, so_far, self._held)
 
 
@@ -136,13 +136,13 @@ def choices_of(problem: PlanningProblem) -> Choices:
 
 
 def search_from(
-    problem: PlanningProblem, row: Array, keypoints: Array, waypoints: Array, choices: Choices, budget: int,
+    problem: PlanningProblem, sim_state: Array, keypoints: Array, waypoints: Array, choices: Choices, budget: int,
     barred: Collection[int] = (),
 ) -> UniformCostSearch:  # fmt: skip
     """A search from a state (S,) with keypoints (M, L, 3) m to waypoints (W, 3) m."""
     settings = problem.settings_as(SearchSettings)
     return UniformCostSearch(
-        row,
+        sim_state,
         keypoints,
         waypoints,
         choices,

@@ -31,7 +31,7 @@ class Node:
     cost: float  # control steps from the start
     next_waypoint: Array  # (M,) index of the waypoint that has to be met next, on each robot
     keypoints: Array  # (M, L, 3) m, the judged one first
-    row: Array  # (S,) the simulator's state
+    sim_state: Array  # (S,) the simulator's state
     speed: float  # m/s of the judged point at the end
 
 
@@ -130,7 +130,7 @@ class UniformCostSearch:
                 node.cost + held,
                 following[i],
                 keypoints,
-                outcome.rows[i],
+                outcome.sim_states[i],
                 float(speed[i, held - 1]),
             )
             cell = self._cell(child)

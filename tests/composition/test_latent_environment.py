@@ -54,7 +54,7 @@ def test_any_number_of_states_is_held_in_any_number_of_slots(slots: int) -> None
     outcome = world.hold(rows, latent, 4)
     path = rows[:, None] + np.arange(5)[None, :, None] * latent[:, None]
     np.testing.assert_allclose(outcome.path, np.stack([path, -path], axis=2)[:, None])
-    np.testing.assert_allclose(outcome.rows, path[:, -1])
+    np.testing.assert_allclose(outcome.sim_states, path[:, -1])
     assert not outcome.failed.any() and world.control_steps == 7 * 4
 
 
@@ -67,7 +67,7 @@ def test_several_robots_side_by_side_are_each_held_on_its_own(slots: int) -> Non
     for robot in range(2):
         alone = LatentEnvironment(Plane(5), act).hold(rows[:, 3 * robot : 3 * robot + 3], latent, 4)
         np.testing.assert_allclose(outcome.path[:, robot], alone.path[:, 0])
-        np.testing.assert_allclose(outcome.rows[:, 3 * robot : 3 * robot + 3], alone.rows)
+        np.testing.assert_allclose(outcome.sim_states[:, 3 * robot : 3 * robot + 3], alone.sim_states)
     assert world.slots == slots and world.control_steps == 5 * 2 * 4 and world.held == 5
 
 
@@ -108,4 +108,4 @@ def test_holding_on_the_arm_equals_stepping_it_directly(task: ReachTask | PushTa
     for t in range(1, 4):
         twin.step(joint_policy(twin.observe(), latent))
         np.testing.assert_array_equal(outcome.path[:, 0, t], twin.landmarks())
-    np.testing.assert_array_equal(outcome.rows, twin.save(np.arange(5)))
+    np.testing.assert_array_equal(outcome.sim_states, twin.save(np.arange(5)))

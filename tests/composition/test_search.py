@@ -33,12 +33,12 @@ class World:
     def __init__(self, inside: Callable[[Array], Array] | None = None) -> None:
         self.inside, self.control_steps = inside, 0
 
-    def hold(self, rows: Array, latent: Array, steps: int) -> Outcome:
-        path = rows[:, None] + np.arange(steps + 1)[None, :, None] * latent[:, None]
-        failed = np.zeros(len(rows), dtype=bool)
+    def hold(self, sim_states: Array, latent: Array, steps: int) -> Outcome:
+        path = sim_states[:, None] + np.arange(steps + 1)[None, :, None] * latent[:, None]
+        failed = np.zeros(len(sim_states), dtype=bool)
         if self.inside is not None:
             failed = ~self.inside(path).all(axis=1)
-        self.control_steps += steps * len(rows)
+        self.control_steps += steps * len(sim_states)
         return Outcome(path[:, None, :, None], failed[:, None], path[:, -1])
 
 
@@ -290,15 +290,15 @@ def test_only_the_box_meets_waypoints_and_has_a_speed() -> None:
 class Pusher:
     """A gripper that walks on a grid, and moves a box by walking into it."""
 
-    def hold(self, rows: Array, latent: Array, steps: int) -> Outcome:
-        box, gripper = rows[:, :3].copy(), rows[:, 3:].copy()
+    def hold(self, sim_states: Array, latent: Array, steps: int) -> Outcome:
+        box, gripper = sim_states[:, :3].copy(), sim_states[:, 3:].copy()
         path = [np.stack([box, gripper], axis=1)]
         for _ in range(steps):
             gripper = gripper + latent
             box = np.where((gripper == box).all(axis=1, keepdims=True), box + latent, box)
             path.append(np.stack([box, gripper], axis=1))
         behind = np.concatenate([box, gripper], axis=1)
-        return Outcome(np.stack(path, axis=1)[:, None], np.zeros((len(rows), 1), dtype=bool), behind)
+        return Outcome(np.stack(path, axis=1)[:, None], np.zeros((len(sim_states), 1), dtype=bool), behind)
 
 
 def test_a_box_is_pushed_round_a_corner_and_the_approach_saves_most_of_the_work() -> None:
