@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import ast
+import json
+import os
 import re
 import shlex
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -166,6 +171,58 @@ def test_an_artifact_is_read_as_shown(monkeypatch: pytest.MonkeyPatch, capsys: p
     exec(block_with("artifacts.md", "import h5py"), {})
     first, second = capsys.readouterr().out.splitlines()
     assert first.startswith("(1, 50, 3)") and "episode,step+1,xyz" in first and second == "True 2.45"
+
+
+@pytest.fixture
+def with_greedy(tmp_path: Path) -> Path:
+    """A copy of the code with what docs/add-a-planner.md adds: its file, and its line in the table of methods."""
+    text = (DOCS / "add-a-planner.md").read_text(encoding="utf-8")
+    (line,) = re.findall(r'^    "greedy": Method\(.*\),$', text, flags=re.MULTILINE)
+    copy = shutil.copytree(ROOT / "skillcli", tmp_path / "skillcli", ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / "recipes").symlink_to(ROOT / "recipes")
+    (copy / "composition" / "greedy.py").write_text(block_with("add-a-planner.md", "class GreedyPlanner"), encoding="utf-8")
+    table = copy / "composition" / "registry.py"
+    before = table.read_text(encoding="utf-8")
+    table.write_text(before.replace("METHODS = {\n", f"METHODS = {{\n{line}\n"), encoding="utf-8")
+    return tmp_path
+
+
+def with_code(folder: Path, code: str, *words: str | Path) -> str:
+    """What a program prints that runs with the code in a folder."""
+    environment = {**os.environ, "PYTHONPATH": str(folder), "COLUMNS": "200"}
+    command = [sys.executable, "-c", code, *map(str, words)]
+    told = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=folder, timeout=120)
+    assert told.returncode == 0, told.stderr
+    return told.stdout
+
+
+COMMAND_LINE = "from skillcli.cli.main import main; main()"
+FROM_PYTHON = """
+import sys
+from pathlib import Path
+from skillcli.evaluation.consistency import stored_recipe
+from skillcli.stages.compose import Request, compose
+from skillcli.store import ArtifactId, Store
+
+store = Store(Path(sys.argv[1]))
+source = store.read(ArtifactId("tiny", "embed-means", 1))
+recipe = stored_recipe(source, ["greedy.seconds=1.0"])
+artifact = compose(store, source.id, recipe, Request.of(recipe, "", [(0.6, 0.1, 0.25)], "greedy"), "greedy", "test")
+print(artifact.results["method"], 1 <= len(artifact.results["segments"]) <= 4, artifact.recipe["greedy"]["seconds"])
+"""
+
+
+def test_the_planner_that_is_shown_composes_from_python_and_from_the_command_line(
+    with_greedy: Path, chain: Path, tmp_path: Path
+) -> None:
+    store = shutil.copytree(chain, tmp_path / "artifacts")
+    assert with_code(with_greedy, FROM_PYTHON, store).split() == ["greedy", "True", "1.0"]
+    words = ("--json", "--store", store, "compose", "tiny/embed-means", "--method", "greedy", "--goal", "0.6,0.1,0.25")
+    found = json.loads(with_code(with_greedy, COMMAND_LINE, *words, "--ensemble", "2", "--set", "greedy.segment=0.5"))
+    assert found["method"] == "greedy" and found["robots"] == 2 and found["segments"][0]["seconds"] == 0.5
+    assert "greedy: hold whichever latent leads nearest" in with_code(with_greedy, COMMAND_LINE, "compose", "--help")
+    shown = with_code(with_greedy, COMMAND_LINE, "compose", "--method", "greedy", "--help")
+    assert "--ensemble" in shown and "--on" in shown and "--heuristic" not in shown
 
 
 def test_the_planner_that_is_shown_works() -> None:

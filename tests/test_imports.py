@@ -6,6 +6,8 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 import skillcli
 
 ROOT = Path(skillcli.__file__).parent
@@ -84,9 +86,10 @@ def test_no_stage_imports_another_except_in_the_chain() -> None:
     assert not wrong, "\n".join(wrong)
 
 
-def test_help_loads_nothing_heavy() -> None:
+@pytest.mark.parametrize("words", [(), ("compose",)])
+def test_help_loads_nothing_heavy(words: tuple[str, ...]) -> None:
     code = (
-        "import sys; sys.argv = ['skill', '--help']\n"
+        f"import sys; sys.argv = ['skill', *{words}, '--help']\n"
         "from skillcli.cli.app import main\n"
         "try: main()\n"
         "except SystemExit as leaving: assert not leaving.code\n"
@@ -95,3 +98,8 @@ def test_help_loads_nothing_heavy() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
+
+
+def test_recipes_and_methods_are_read_without_torch() -> None:
+    code = "import sys, skillcli.recipe; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], timeout=60).returncode == 0, "every method is imported there"
