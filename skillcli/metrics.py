@@ -39,7 +39,7 @@ def difference_interval(
 def final_distance(trajectories: Trajectories) -> Array:
     """Distance of the judged point to the target at the end of each episode, (E,) m."""
     episodes = np.arange(trajectories.episodes)
-    end = trajectories.judged[episodes, trajectories.length]
+    end = trajectories.achieved_goal[episodes, trajectories.length]
     distance: Array = np.linalg.norm(end - trajectories.target, axis=1)
     return distance
 

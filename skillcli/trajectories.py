@@ -51,12 +51,12 @@ class Trajectories:
         return int(self.length.shape[0])
 
     @cached_property
-    def judged(self) -> Array:
+    def achieved_goal(self) -> Array:
         """Path of the judged point, (E, T+1, 3) m; box and point are judged in the plane z = 0."""
-        return self.usually_judged if self.judged_position is None else self.judged_position
+        return self.usual_achieved_goal if self.judged_position is None else self.judged_position
 
     @property
-    def usually_judged(self) -> Array:
+    def usual_achieved_goal(self) -> Array:
         """Path of the point that is judged where nothing else is said, (E, T+1, 3) m."""
         if self.object_pose is None and self.gripper_position is not None:
             return self.gripper_position
@@ -93,7 +93,7 @@ class Trajectories:
         """The fields that are present, by name, as the store keeps them."""
         return {f.name: value for f in fields(self) if (value := getattr(self, f.name)) is not None}
 
-    def judged_by(self, success: Array) -> Trajectories:
+    def with_success(self, success: Array) -> Trajectories:
         """The same recording with another judgement of success, (E,) bool."""
         return replace(self, success=success)
 
@@ -145,7 +145,7 @@ _PER_STEP = (
 def _alike(parts: Sequence[Trajectories]) -> list[Trajectories]:
     """The same recordings, all with the fields that some leave out because they would say nothing new."""
     if any(part.judged_position is not None for part in parts):
-        parts = [replace(part, judged_position=part.judged) for part in parts]
+        parts = [replace(part, judged_position=part.achieved_goal) for part in parts]
     if any(part.unstable is not None for part in parts):
         parts = [replace(part, unstable=~part.stable) for part in parts]
     if any(part.gave_up is not None for part in parts):

@@ -17,7 +17,7 @@ from skillcli.composition.method import PlanResult
 from skillcli.composition.registry import method_spec
 from skillcli.evaluation.library import Library, open_library
 from skillcli.evaluation.planning import problem_of
-from skillcli.evaluation.sampled_robots import Robots
+from skillcli.evaluation.sampled_robots import SampledRobots
 from skillcli.recipe import resolve
 from skillcli.seeding import generator
 from skillcli.stages.compose import execute
@@ -41,7 +41,7 @@ def unseen_goals(library: Library, count: int) -> Array:
 
 def plan(library: Library, method: str, goal: Array, settings: list[str], seed: int) -> PlanResult:
     recipe = resolve(library.source.recipe, settings)
-    return method_spec(method).plan(problem_of(library, recipe, method, goal[None], Robots(), seed=seed))
+    return method_spec(method).plan(problem_of(library, recipe, method, goal[None], SampledRobots(), seed=seed))
 
 
 def methods(library: Library, names: list[str], goals: Array, settings: list[str]) -> Iterator[str]:
@@ -54,7 +54,7 @@ def methods(library: Library, names: list[str], goals: Array, settings: list[str
             wall, cpu = time.perf_counter(), time.process_time()
             planned = plan(library, name, goal, settings, 0)
             wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-            recording = execute(library, planned.segments, goal[None], Robots())
+            recording = execute(library, planned.segments, goal[None], SampledRobots())
             lasts = float(recording.time[-1])
             rows.append((metrics.final_distance(recording)[0], wall, cpu, planned.simulated_robot_seconds, lasts, wall < lasts))
         end, wall_s, cpu_s, robot, lasts_s, faster = np.array(rows, dtype=float).T

@@ -33,7 +33,7 @@ def replay(world: World, action: Array, halvings: int) -> Array:
     path = []
     for t in range(action.shape[1]):
         env.step(action[:, t] / task.action_scale)
-        path.append(env.judged()[:, :2])
+        path.append(env.achieved_goal()[:, :2])
     return np.stack(path)
 
 

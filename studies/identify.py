@@ -15,7 +15,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from skillcli.config.randomization import fill, sample
+from skillcli.config.randomization import latin_hypercube, sample
 from skillcli.evaluation.library import Library, open_library
 from skillcli.simulation.domains import find_domain
 from skillcli.store import Store
@@ -27,9 +27,9 @@ TARGETS, CANDIDATES = 40, 64
 def measured(library: Library, parameters: dict[str, Array], steps: int, skill: int) -> tuple[Array, Array, Array]:
     """What sensors show of targets that play a skill: sightings (E, v) at the start, joints (T, E, J) rad, actions alike."""
     env = library.world.make(TARGETS, delay=True)
-    env.perturb(parameters, np.random.default_rng(1))
+    env.randomize(parameters, np.random.default_rng(1))
     env.reset(np.arange(TARGETS), np.full(TARGETS, skill))
-    observation, seen = env.observe(), env.look().state
+    observation, seen = env.observe(), env.estimate_state().state
     latent = np.tile(library.mean[skill], (TARGETS, 1))
     joints, actions = [], []
     for _ in range(steps):
@@ -43,11 +43,11 @@ def measured(library: Library, parameters: dict[str, Array], steps: int, skill: 
 def misfit(library: Library, candidates: dict[str, Array], seen: Array, joints: Array, actions: Array) -> Array:
     """Root mean square distance of measured joints and those of each candidate, (E, C) rad."""
     env = library.world.make(CANDIDATES, delay=True)
-    env.perturb({name: values for name, values in candidates.items() if not name.endswith("noise")}, np.random.default_rng(0))
+    env.randomize({name: values for name, values in candidates.items() if not name.endswith("noise")}, np.random.default_rng(0))
     limit = library.recipe.task.action_scale
     off = np.zeros((len(seen), CANDIDATES))
     for target in range(len(seen)):
-        env.imagine(np.arange(CANDIDATES), np.repeat(seen[target : target + 1], CANDIDATES, axis=0))
+        env.set_estimated_state(np.arange(CANDIDATES), np.repeat(seen[target : target + 1], CANDIDATES, axis=0))
         for t in range(len(joints)):
             step = env.step(np.tile(actions[t, target] / limit, (CANDIDATES, 1)))
             off[target] += np.square(step.observation[:, : env.joints] - joints[t, target]).mean(axis=1)
@@ -60,7 +60,7 @@ def main() -> None:
     library = open_library(store, store.read(store.resolve(sys.argv[1] if len(sys.argv) > 1 else "reference-reach/pretrain")))
     ranges = find_domain("real-like").parameters
     targets = sample(ranges, TARGETS, np.random.default_rng(2), library.world.joints)
-    candidates = fill(ranges, CANDIDATES, np.random.default_rng(3), library.world.joints)
+    candidates = latin_hypercube(ranges, CANDIDATES, np.random.default_rng(3), library.world.joints)
     table = Table("seen for", "latency right", "gain: r", "damping: r", "friction: r")
     for steps in (5, 10, 20, 40):
         best = misfit(library, candidates, *measured(library, targets, steps, 0)).argmin(axis=1)

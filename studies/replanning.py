@@ -19,6 +19,8 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+from skillcli.evaluation.script import EpisodeSchedule
+from skillcli.evaluation.trial import TargetRobots, TransferEvaluator
 
 from skillcli import metrics
 from skillcli.composition.plan import schedule
@@ -26,9 +28,7 @@ from skillcli.composition.registry import method_spec
 from skillcli.evaluation.library import Library, open_library
 from skillcli.evaluation.planning import problem_of
 from skillcli.evaluation.replanning import Replanner
-from skillcli.evaluation.sampled_robots import Robots
-from skillcli.evaluation.script import Script
-from skillcli.evaluation.trial import Target, Trial
+from skillcli.evaluation.sampled_robots import SampledRobots
 from skillcli.recipe import Recipe, resolve
 from skillcli.robots.robot import load_target
 from skillcli.simulation.domains import find_domain
@@ -63,20 +63,20 @@ def opened(setting: Setting, goal: str) -> tuple[Library, Recipe, Array]:
 def plan(setting: Setting, goal: str) -> tuple[Array, Array]:
     """Latents (T, d) and skills (T,) of the composed plan."""
     library, recipe, place = opened(setting, goal)
-    problem = problem_of(library, recipe, "search", place, Robots.of(recipe.compose, "", 0, library.world.joints))
+    problem = problem_of(library, recipe, "search", place, SampledRobots.of(recipe.compose, "", 0, library.world.joints))
     return schedule(method_spec("search").plan(problem).segments)
 
 
-def play(setting: Setting, robot: str, goal: str, planned: tuple[Array, Array]) -> tuple[Trajectories, Trajectories, float]:
+def rollout(setting: Setting, robot: str, goal: str, planned: tuple[Array, Array]) -> tuple[Trajectories, Trajectories, float]:
     """Both ways on the same robots: sent blindly, replanned; and seconds per plan."""
     (library, recipe, place), (latent, skill) = opened(setting, goal), planned
-    script = Script(latent[None], skill[None], np.array([len(skill)]), (place,)).in_turn(setting.episodes)
-    target = Target.drawn(find_domain(setting.domain), setting.episodes, setting.seed, library.world.joints)
+    script = EpisodeSchedule(latent[None], skill[None], np.array([len(skill)]), (place,)).in_turn(setting.episodes)
+    target = TargetRobots.drawn(find_domain(setting.domain), setting.episodes, setting.seed, library.world.joints)
     world = library.world
     stands = world.on(load_target(Path(robot), world.robot)) if robot else world
     replanner = Replanner(library, recipe, "search")
-    blind = Trial(library, setting.seed, stands).run(script, target)
-    return blind, Trial(library, setting.seed, stands, replanner).run(script, target), replanner.effort.mean or 0.0
+    blind = TransferEvaluator(library, setting.seed, stands).run(script, target)
+    return blind, TransferEvaluator(library, setting.seed, stands, replanner).run(script, target), replanner.effort.mean or 0.0
 
 
 def mcnemar(only_a: int, only_b: int) -> float:
@@ -153,7 +153,7 @@ def main() -> None:
         plans = dict(zip(goals, pool.map(plan, [setting] * len(goals), goals), strict=True))
         jobs = list(product(goals, robots))
         played = pool.map(
-            play, [setting] * len(jobs), *([*each] for each in zip(*[(r, g, plans[g]) for g, r in jobs], strict=True))
+            rollout, [setting] * len(jobs), *([*each] for each in zip(*[(r, g, plans[g]) for g, r in jobs], strict=True))
         )
         found: dict[str, list[tuple[Trajectories, Trajectories]]] = {robot: [] for robot in robots}
         for (goal, robot), (blind, again, seconds) in zip(jobs, played, strict=True):

@@ -1,20 +1,20 @@
-"""Ranges of domain parameters, as tests write them."""
+"""Distributions of domain parameters, as tests write them."""
 
 from __future__ import annotations
 
-from skillcli.config.randomization import Range
+from skillcli.config.randomization import Distribution
 
 
-def uniform(low: float, high: float) -> Range:
+def uniform(low: float, high: float) -> Distribution:
     """Equally likely between low and high."""
-    return Range(kind="uniform", values=(low, high))
+    return Distribution(kind="uniform", values=(low, high))
 
 
-def log_uniform(low: float, high: float) -> Range:
+def log_uniform(low: float, high: float) -> Distribution:
     """Equally likely per octave between low and high, both positive."""
-    return Range(kind="log_uniform", values=(low, high))
+    return Distribution(kind="log_uniform", values=(low, high))
 
 
-def one_of(*values: float) -> Range:
+def one_of(*values: float) -> Distribution:
     """One of these values."""
-    return Range(kind="one_of", values=values)
+    return Distribution(kind="one_of", values=values)

@@ -46,23 +46,23 @@ def test_recordings_of_different_length_are_joined_on_the_longest_clock() -> Non
     for joined, first in ((Trajectories.join([short, long]), [0, 1]), (Trajectories.join([long, short]), [1, 2])):
         assert joined.length.tolist() == ([3, 3, 5] if first[0] == 0 else [5, 3, 3])
         np.testing.assert_array_equal(joined.time, long.time)
-        assert joined.skill.shape == (3, 5) and joined.judged.shape == (3, 6, 3)
+        assert joined.skill.shape == (3, 5) and joined.achieved_goal.shape == (3, 6, 3)
         for name, array in joined.select(first).arrays().items():
             np.testing.assert_allclose(array, short.padded(5).arrays()[name], rtol=1e-15, err_msg=name)
 
 
 def test_the_judged_point_is_the_box_else_the_gripper_else_the_point() -> None:
     arm = recording(1)
-    np.testing.assert_array_equal(arm.judged, arm.gripper_position)
+    np.testing.assert_array_equal(arm.achieved_goal, arm.gripper_position)
     pose = np.full((1, 5, 7), 0.5)
-    pushed = recording(1, object_pose=pose).judged
+    pushed = recording(1, object_pose=pose).achieved_goal
     assert pushed.shape == (1, 5, 3) and pushed[0, 0].tolist() == [0.5, 0.5, 0], "in the plane of the table"
     point = recording(1, gripper_position=None, position=np.ones((1, 5, 2)))
-    assert point.judged[0, 0].tolist() == [1, 1, 0]
+    assert point.achieved_goal[0, 0].tolist() == [1, 1, 0]
     with pytest.raises(ValueError, match="no position"):
-        _ = recording(1, gripper_position=None).judged
+        _ = recording(1, gripper_position=None).achieved_goal
 
 
 def test_only_what_is_there_is_stored() -> None:
     assert "position" not in recording(1).arrays() and "gripper_position" in recording(1).arrays()
-    assert not recording(2).judged_by(np.zeros(2, dtype=bool)).success.any()
+    assert not recording(2).with_success(np.zeros(2, dtype=bool)).success.any()

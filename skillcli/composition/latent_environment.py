@@ -31,7 +31,7 @@ class Simulations(Protocol):
     def wake(self, ids: Array | None) -> None:
         """Let only these simulations move, all where None; the others may stay as they are."""
 
-    def landmarks(self) -> Array:
+    def keypoints(self) -> Array:
         """Points that tell how things stand, (N, L, 3) m, the judged one first."""
 
     def save(self, ids: Array) -> Array:
@@ -75,7 +75,7 @@ class LatentEnvironment:
     def start(self) -> tuple[Array, Array]:
         """State (S,) and keypoints (M, L, 3) m of slot 0 as it stands."""
         first = np.arange(self.robots)
-        return self._env.save(first).ravel(), self._env.landmarks()[first]
+        return self._env.save(first).ravel(), self._env.keypoints()[first]
 
     def observe(self, sim_state: Array) -> Array:
         """What the policy sees in a state, (S,) to (M, o)."""
@@ -106,7 +106,7 @@ class LatentEnvironment:
         held = np.zeros((self._env.num, latent.shape[1]))
         held[used] = np.repeat(latent, robots, axis=0)
         self._env.restore(used, sim_states.reshape(count * robots, -1))
-        path = [self._env.landmarks()[used]]
+        path = [self._env.keypoints()[used]]
         failed = np.zeros(len(used), dtype=bool)
         observation = self._env.observe()
         self._env.wake(used)
@@ -116,7 +116,7 @@ class LatentEnvironment:
             failed |= step.terminated[used]
             if self.limits:
                 failed |= self._broken()[used]
-            path.append(self._env.landmarks()[used])
+            path.append(self._env.keypoints()[used])
         self._env.wake(None)
         self.control_steps += steps * len(used)
         self.held += count

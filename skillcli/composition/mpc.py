@@ -40,7 +40,7 @@ class MpcSettings(MethodSettings):
         return self
 
 
-class Trial:
+class TransferEvaluator:
     """Sequences of H latents under way, all from one state, segment by segment."""
 
     def __init__(self, sequences: Array, sim_state: Array, next_waypoint: Array) -> None:
@@ -135,7 +135,7 @@ class ModelPredictiveControl:
         if self._trial.segment == self._settings.lookahead:
             self._judge()
 
-    def _draw(self, best: Array | None = None) -> Trial:
+    def _draw(self, best: Array | None = None) -> TransferEvaluator:
         """New sequences around the mean, from the present state; the first ones are not left to chance."""
         settings = self._settings
         noise = self._rng.standard_normal((settings.samples, settings.lookahead, len(self._half)))
@@ -143,7 +143,7 @@ class ModelPredictiveControl:
         held = np.repeat(self._means[:, None], settings.lookahead, axis=1) if best is None else best[None]
         known = np.concatenate([self._mean[None], held])[: settings.samples]
         drawn[: len(known)] = known
-        return Trial(drawn, self._sim_state, self._next_waypoint)
+        return TransferEvaluator(drawn, self._sim_state, self._next_waypoint)
 
     def _judge(self) -> None:
         """A round is over: narrow down around the elites, or take the first latent of the best sequence."""

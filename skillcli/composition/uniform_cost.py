@@ -115,9 +115,9 @@ class UniformCostSearch:
     def tell(self, nodes: Sequence[Node], choice: Array, outcome: Outcome, steps: int) -> list[Node]:
         """Take what holding a choice (n,) from each of n nodes for some steps led to; returns the children kept."""
         children = []
-        judged = outcome.path[:, :, :, 0]
-        speed = np.linalg.norm(np.diff(judged, axis=2), axis=3).mean(axis=1) / self.settings.step_seconds  # (n, steps)
-        following, met = self._progress(np.array([node.next_waypoint for node in nodes]), judged, speed)
+        achieved_goal = outcome.path[:, :, :, 0]
+        speed = np.linalg.norm(np.diff(achieved_goal, axis=2), axis=3).mean(axis=1) / self.settings.step_seconds  # (n, steps)
+        following, met = self._progress(np.array([node.next_waypoint for node in nodes]), achieved_goal, speed)
         for i, node in enumerate(nodes):
             if outcome.failed[i].any() or (node.parent is None and int(choice[i]) in self._barred):
                 continue

@@ -99,10 +99,10 @@ NEEDS = {
 BY_CHANCE = ("control_jitter", "joint_noise", "position_noise", "joint_drift", "position_drift", "push_rate")
 MANNERS = {others[0] for others in NEEDS.values() if len(others) == 1}
 RANGE_KEYS = {"uniform", "log_uniform", "one_of", "kind", "values"}  # how a range is written, and stored
-NEUTRAL = {name: 1.0 if parameter.unit == "factor" else 0.0 for name, parameter in PARAMETERS.items()}
+IDENTITY = {name: 1.0 if parameter.unit == "factor" else 0.0 for name, parameter in PARAMETERS.items()}
 
 
-class Range(BaseModel):
+class Distribution(BaseModel):
     """Where values are drawn from."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -120,7 +120,7 @@ class Range(BaseModel):
             return {"kind": kind, "values": values}
         if isinstance(given, Mapping) and set(given) == {"values"}:
             return {"kind": "fixed", **given}
-        if (isinstance(given, Mapping) and set(given) == {"kind", "values"}) or isinstance(given, Range):
+        if (isinstance(given, Mapping) and set(given) == {"kind", "values"}) or isinstance(given, Distribution):
             return given
         raise ValueError(
             "expected a number, or one of {uniform = [low, high]}, {log_uniform = [low, high]}, {one_of = [...]},"
@@ -128,7 +128,7 @@ class Range(BaseModel):
         )
 
     @model_validator(mode="after")
-    def _ordered(self) -> Range:
+    def _ordered(self) -> Distribution:
         if not self.values:
             raise ValueError("no values to choose from")
         if self.kind in ("uniform", "log_uniform") and (len(self.values) != 2 or self.values[0] > self.values[1]):
@@ -186,7 +186,7 @@ def closest(name: str, known: Iterable[str]) -> str:
     return f", did you mean {' or '.join(map(repr, near))}?" if near else ""
 
 
-def _known(ranges: dict[str, Range]) -> dict[str, Range]:
+def _known(ranges: dict[str, Distribution]) -> dict[str, Distribution]:
     for name in ranges:
         if name not in PARAMETERS:
             meant = closest(name, PARAMETERS) or "; parameters: " + ", ".join(PARAMETERS)
@@ -198,7 +198,7 @@ def _known(ranges: dict[str, Range]) -> dict[str, Range]:
     return ranges
 
 
-def _check(name: str, given: Range) -> None:
+def _check(name: str, given: Distribution) -> None:
     size, unit, _, low, high = PARAMETERS[name]
     outside = [value for value in given.values if not low <= value <= high]
     if outside:
@@ -208,10 +208,10 @@ def _check(name: str, given: Range) -> None:
         raise ValueError(f"{name} has {size} values in each episode, got {len(given.values)}")
 
 
-Ranges = Annotated[dict[str, Range], AfterValidator(_known)]
+Distributions = Annotated[dict[str, Distribution], AfterValidator(_known)]
 
 
-def _size(name: str, values: Range, joints: int) -> int:
+def _size(name: str, values: Distribution, joints: int) -> int:
     """How many values an episode has of a parameter.
 
     Raises:
@@ -225,7 +225,7 @@ def _size(name: str, values: Range, joints: int) -> int:
     return size
 
 
-def sample(ranges: Mapping[str, Range], episodes: int, rng: np.random.Generator, joints: int) -> dict[str, Array]:
+def sample(ranges: Mapping[str, Distribution], episodes: int, rng: np.random.Generator, joints: int) -> dict[str, Array]:
     """Draw parameters for each episode of an arm of some joints, (E,) or (E, n) by name; see `PARAMETERS`.
 
     Raises:
@@ -238,18 +238,18 @@ def sample(ranges: Mapping[str, Range], episodes: int, rng: np.random.Generator,
     return drawn
 
 
-def sample_each(ranges: Mapping[str, Range], rngs: Sequence[np.random.Generator], joints: int) -> dict[str, Array]:
+def sample_each(ranges: Mapping[str, Distribution], rngs: Sequence[np.random.Generator], joints: int) -> dict[str, Array]:
     """Like `sample`, each episode from a generator of its own: more episodes leave the first ones as they were."""
     drawn = [sample(ranges, 1, rng, joints) for rng in rngs]
     return {name: np.concatenate([episode[name] for episode in drawn]) for name in sorted(ranges)}
 
 
-def repeats(ranges: Mapping[str, Range]) -> bool:
+def repeats(ranges: Mapping[str, Distribution]) -> bool:
     """Whether every episode is the same: nothing is drawn, and nothing goes on by chance."""
     return all(values.constant and (name not in BY_CHANCE or not any(values.values)) for name, values in ranges.items())
 
 
-def fill(ranges: Mapping[str, Range], count: int, rng: np.random.Generator, joints: int) -> dict[str, Array]:
+def latin_hypercube(ranges: Mapping[str, Distribution], count: int, rng: np.random.Generator, joints: int) -> dict[str, Array]:
     """Like `sample`, but spread out: every parameter takes one value out of each of `count` equal shares of its range.
 
     Latin hypercube sampling (McKay, Beckman and Conover 1979): a few robots show what many would.
@@ -274,9 +274,9 @@ class Randomisation(Section):
     over a span of the training.
     """
 
-    dynamics: Ranges = value({}, "of the robot and the box, in every episode")
-    starts: Ranges = value({}, "of where arm and box start, phased in over `starts_span`")
-    sensing: Ranges = value({}, "of latency and sensors, phased in over `sensing_span`")
+    dynamics: Distributions = value({}, "of the robot and the box, in every episode")
+    starts: Distributions = value({}, "of where arm and box start, phased in over `starts_span`")
+    sensing: Distributions = value({}, "of latency and sensors, phased in over `sensing_span`")
     starts_span: Span = value((0.05, 0.4), "shares of the training at which starts begin to vary, and vary everywhere", "")
     sensing_span: Span = value((0.5, 0.8), "shares of the training at which sensing begins to vary, and varies everywhere", "")
 
@@ -292,6 +292,6 @@ class Randomisation(Section):
         return self
 
     @property
-    def ranges(self) -> Ranges:
+    def ranges(self) -> Distributions:
         """All of them, by name."""
         return {**self.dynamics, **self.starts, **self.sensing}

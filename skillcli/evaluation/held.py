@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from skillcli.evaluation.rollouts import play
+from skillcli.evaluation.rollouts import rollout
 from skillcli.learning.agent import Agent
 from skillcli.recipe import Recipe
 from skillcli.tasks.world import MAX_SIMULATIONS, World
 from skillcli.trajectories import Array, Trajectories
 
 
-def play_held(
+def rollout_held(
     recipe: Recipe, agent: Agent, latent: Array, target: Array, fed: Array, threads: int = 0
 ) -> tuple[Trajectories, Array]:
     """From the start, hold one latent (E, d) per episode to the end, judged by its target (E, 3) m.
@@ -25,9 +25,9 @@ def play_held(
         part = slice(first, first + MAX_SIMULATIONS)
         env = world.make(len(fed[part]), threads)
         env.reset(np.arange(env.num), np.zeros(env.num, dtype=np.int64))
-        env.target[:] = target[part]
+        env.desired_goal[:] = target[part]
         held = np.repeat(latent[part][:, None], env.horizon, axis=1)
-        recording, observation = play(env, agent.act, held, np.repeat(fed[part][:, None], env.horizon, axis=1))
+        recording, observation = rollout(env, agent.act, held, np.repeat(fed[part][:, None], env.horizon, axis=1))
         recordings.append(recording)
         observations.append(observation)
     return Trajectories.join(recordings), np.concatenate(observations)

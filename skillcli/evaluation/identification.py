@@ -11,12 +11,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from skillcli.evaluation.sampled_robots import Robots
+from skillcli.evaluation.sampled_robots import SampledRobots
 from skillcli.simulation.arm_environment import ArmEnvironment
 from skillcli.tasks.world import World
 from skillcli.trajectories import Array
 
-LATENESS = np.array([0.0, 0.025, 0.05, 0.075, 0.1, 0.15])  # s, told apart
+LATENCY_CANDIDATES = np.array([0.0, 0.025, 0.05, 0.075, 0.1, 0.15])  # s, told apart
 SETTLING = 0.1  # s, in which a servo comes to rest to 1/e: damping over stiffness
 DOUBT = 0.3  # settled control steps that must be seen for what they tell first to count half
 KEPT = 0.7  # of what is known, from one segment to the next: the arm has moved on
@@ -34,7 +34,7 @@ class Identification:
         self._period, self._joints = world.task.control_period, world.joints
         self._robots: ArmEnvironment | None = None
         if world.spec.uses_robot:
-            robots = Robots({"latency": LATENESS}, len(LATENESS)).simulations(world, 1)
+            robots = SampledRobots({"latency": LATENCY_CANDIDATES}, len(LATENCY_CANDIDATES)).simulations(world, 1)
             assert isinstance(robots, ArmEnvironment)
             self._robots, self._limit = robots, world.task.action_scale
         self.begin()
@@ -43,7 +43,7 @@ class Identification:
         """Forget what was known: another target stands there."""
         self.lateness = 0.0  # s
         self.sag = np.zeros(self._joints)  # rad
-        self._unexplained = np.zeros((len(LATENESS), self._joints))  # rad², summed over the steps
+        self._unexplained = np.zeros((len(LATENCY_CANDIDATES), self._joints))  # rad², summed over the steps
         self._steps, self._weight = 0, DOUBT
 
     def learn(self, state: Array, applied: Sequence[Array], measured: Sequence[Array]) -> None:
@@ -58,7 +58,7 @@ class Identification:
             return
         settled = 1 - np.exp(-self._period * np.arange(1, len(applied) + 1) / SETTLING)[:, None]
         weight = float(np.square(settled).sum())
-        off = np.array(measured) - self._replay(state, applied, np.tile(self.sag, (len(LATENESS), 1)))
+        off = np.array(measured) - self._replay(state, applied, np.tile(self.sag, (len(LATENCY_CANDIDATES), 1)))
         further = (settled * off).sum(axis=1) / weight  # (R, J) least squares of what grows as a servo settles
         most = self._robots.arms.largest_sag
         off = np.array(measured) - self._replay(state, applied, np.clip(self.sag + further, -most, most))
@@ -66,14 +66,14 @@ class Identification:
         self._steps += len(applied)
         # each joint with a noise of its own, else one that no lateness explains, a stuck one say, would decide
         likeliest = int(np.log(self._unexplained + SILENCE * self._steps).sum(axis=1).argmin())
-        self.lateness = float(LATENESS[likeliest])
+        self.lateness = float(LATENCY_CANDIDATES[likeliest])
         self._weight = KEPT * self._weight + weight
         self.sag = np.clip(self.sag + weight / self._weight * further[likeliest], -most, most)
 
     def _replay(self, state: Array, applied: Sequence[Array], sag: Array) -> Array:
         """Joint angles of robots of each lateness with `sag` (R, J) that are sent these increments, (R, T, J) rad."""
         assert self._robots is not None
-        num = len(LATENESS)
-        self._robots.imagine(np.arange(num), np.repeat(state, num, axis=0), sag)
+        num = len(LATENCY_CANDIDATES)
+        self._robots.set_estimated_state(np.arange(num), np.repeat(state, num, axis=0), sag)
         steps = (self._robots.step(np.tile(increment / self._limit, (num, 1))) for increment in applied)
         return np.stack([step.observation[:, : self._joints] for step in steps], axis=1)

@@ -9,7 +9,7 @@ from skillcli.composition.registry import all_specs, method_spec
 from skillcli.errors import UsageError
 from skillcli.evaluation.library import TRAINED, fingerprint
 from skillcli.evaluation.request import Request
-from skillcli.evaluation.sampled_robots import Robots
+from skillcli.evaluation.sampled_robots import SampledRobots
 from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL
 from skillcli.recipe import Recipe
 from skillcli.robots.robot import Robot
@@ -20,7 +20,7 @@ from skillcli.tasks.world import World
 DRAWN = "each episode by itself, what repeats once"  # how robots are drawn: what was drawn otherwise is not used again
 
 
-def robots_for(recipe: Recipe, method: str, on: str, seed: int) -> Robots:
+def robots_for(recipe: Recipe, method: str, on: str, seed: int) -> SampledRobots:
     """The robots that a method tries latents on.
 
     Raises:
@@ -31,7 +31,7 @@ def robots_for(recipe: Recipe, method: str, on: str, seed: int) -> Robots:
         able = ", ".join(name for name, other in all_specs().items() if other.on_target)
         raise UsageError(f"--method {method} tries nothing, on no domain", f"--on goes with {able}")
     settings = recipe.compose if spec.ensemble else recipe.compose.model_copy(update={"ensemble": 0})
-    return Robots.of(settings, on, seed, World.of(recipe).joints)
+    return SampledRobots.of(settings, on, seed, World.of(recipe).joints)
 
 
 def replanning() -> list[str]:

@@ -8,9 +8,9 @@ from skillcli.composition.latent_environment import LatentEnvironment
 from skillcli.composition.method import PlanningProblem
 from skillcli.composition.route import STRAIGHT
 from skillcli.composition.sequence import Entry
-from skillcli.evaluation.held import play_held
+from skillcli.evaluation.held import rollout_held
 from skillcli.evaluation.library import Library
-from skillcli.evaluation.sampled_robots import Robots
+from skillcli.evaluation.sampled_robots import SampledRobots
 from skillcli.progress import Report, silent
 from skillcli.recipe import Recipe
 from skillcli.tasks.registry import cost_to_go
@@ -19,7 +19,7 @@ from skillcli.trajectories import SAFETY_LIMITS, Array
 
 
 def problem_of(
-    library: Library, recipe: Recipe, method: str, waypoints: Array, robots: Robots, entries: tuple[Entry, ...] = (),
+    library: Library, recipe: Recipe, method: str, waypoints: Array, robots: SampledRobots, entries: tuple[Entry, ...] = (),
     seed: int = 0, report: Report = silent,
 ) -> PlanningProblem:  # fmt: skip
     """One route of a request, as a method is asked to plan it.
@@ -41,8 +41,8 @@ def problem_of(
         return LatentEnvironment(env, library.agent.act, robots.count, SAFETY_LIMITS)
 
     def hold_to_end(latent: Array, target: Array) -> Array:
-        recording, _ = play_held(library.recipe, library.agent, latent, target, np.full(len(latent), -1))
-        end: Array = recording.judged[np.arange(recording.episodes), recording.length]
+        recording, _ = rollout_held(library.recipe, library.agent, latent, target, np.full(len(latent), -1))
+        end: Array = recording.achieved_goal[np.arange(recording.episodes), recording.length]
         return end
 
     return PlanningProblem(

@@ -22,11 +22,11 @@ from skillcli.errors import UsageError
 from skillcli.evaluation.identification import Identification
 from skillcli.evaluation.library import Library
 from skillcli.evaluation.planning import problem_of
-from skillcli.evaluation.rollouts import conduct, met
-from skillcli.evaluation.sampled_robots import Robots
+from skillcli.evaluation.rollouts import met, rollout_closed_loop
+from skillcli.evaluation.sampled_robots import SampledRobots
 from skillcli.recipe import Recipe
 from skillcli.seeding import generator
-from skillcli.simulation.environment import Environment, Sighting
+from skillcli.simulation.environment import Environment, StateEstimate
 from skillcli.trajectories import Array, Trajectories
 
 MARGIN = 0.8  # of the tolerance that the judge has: what the sensors show is off by millimetres
@@ -78,7 +78,7 @@ class Replanner:
         if not method_spec(method).replans:
             able = " or ".join(name for name, spec in all_specs().items() if spec.replans)
             raise UsageError(f"a plan of --method {method} cannot be made again on the way", f"--replan goes with {able}")
-        robots = Robots({"latency": np.zeros(1)})
+        robots = SampledRobots({"latency": np.zeros(1)})
         problem = problem_of(library, recipe, method, np.zeros((0, 3)), robots)
         settings = problem.settings
         if isinstance(settings, SearchSettings):
@@ -98,7 +98,7 @@ class Replanner:
         self._world = LatentEnvironment(self._simulations, self.act, limits=KEPT)
         self._others: Environment | None = None
         if isinstance(settings, SearchSettings) and self._simulations.violations().shape[1] > UNBREAKABLE:
-            several = Robots({"latency": np.zeros(len(FRICTION)), "contact_friction": FRICTION}, len(FRICTION))
+            several = SampledRobots({"latency": np.zeros(len(FRICTION)), "contact_friction": FRICTION}, len(FRICTION))
             self._others = several.simulations(library.world, len(self._choices.latent))
             self._elsewhere = LatentEnvironment(self._others, self.act, len(FRICTION), KEPT)
         self._reckless = LatentEnvironment(self._simulations, self.act)
@@ -113,14 +113,14 @@ class Replanner:
             steps: control steps at most.
             seed: of methods that use chance.
         """
-        target.target[:] = waypoints[-1]
+        target.desired_goal[:] = waypoints[-1]
         self._known.begin()
         self._assume(self._known.lateness)
-        mission = _Mission(self, target, waypoints, round(PATIENCE * steps), generator(seed, "replanning"))
-        recording, _ = conduct(target, self.act, mission.feed, steps)
+        mission = ReplannedEpisode(self, target, waypoints, round(PATIENCE * steps), generator(seed, "replanning"))
+        recording, _ = rollout_closed_loop(target, self.act, mission.feed, steps)
         if mission.gave_up():
             recording = replace(recording, gave_up=np.ones(1, dtype=bool))
-        return recording.judged_by(recording.success & met(recording, [waypoints], target.tolerance))
+        return recording.with_success(recording.success & met(recording, [waypoints], target.tolerance))
 
     @property
     def goal_tolerance(self) -> float:
@@ -144,18 +144,18 @@ class Replanner:
         """Let the simulations obey this late, s."""
         if lateness != self._lateness:
             late = {"latency": np.full(self._simulations.num, lateness)}
-            self._simulations.perturb(late, np.random.default_rng(0))  # without noise there is nothing to draw
+            self._simulations.randomize(late, np.random.default_rng(0))  # without noise there is nothing to draw
             if self._others is not None:
                 friction = np.resize(FRICTION, self._others.num)
                 late = {"latency": np.full(len(friction), lateness), "contact_friction": friction}
-                self._others.perturb(late, np.random.default_rng(0))
+                self._others.randomize(late, np.random.default_rng(0))
             self._lateness = lateness
 
-    def next(self, seen: Sighting, waypoints: Array, rng: np.random.Generator) -> Prospect:
+    def next(self, seen: StateEstimate, waypoints: Array, rng: np.random.Generator) -> Prospect:
         """The first segment of a new plan, and what comes of it; where every way breaks a limit, the limits are left out."""
         began = time.perf_counter()
         barred = self._barred(seen, rng)
-        self._simulations.imagine(np.array([0]), seen.state, self._known.sag[None])
+        self._simulations.set_estimated_state(np.array([0]), seen.state, self._known.sag[None])
         row, points = self._world.start()
         planner = self._planner(row, points, waypoints, rng, barred)
         run(planner, self._world, lambda *_: None)
@@ -170,7 +170,7 @@ class Replanner:
             return Prospect(first, points[0, 0], planner.remaining_length)
         return Prospect(replace(plan[0], steps=min(plan[0].steps, self._longest)), planner.next_place, planner.remaining_length)
 
-    def _barred(self, seen: Sighting, rng: np.random.Generator) -> frozenset[int]:
+    def _barred(self, seen: StateEstimate, rng: np.random.Generator) -> frozenset[int]:
         """Choices that break a limit of the box sooner than others do, held where it slides worse or better than believed."""
         if self._others is None:
             return frozenset()
@@ -178,7 +178,7 @@ class Replanner:
             np.arange(len(FRICTION)),
             self._known.sag + DOUBT * rng.standard_normal((len(FRICTION), self._simulations.joints)),
         )
-        self._others.imagine(each, np.repeat(seen.state, len(each), axis=0), sag)
+        self._others.set_estimated_state(each, np.repeat(seen.state, len(each), axis=0), sag)
         latent = self._choices.latent
         rows = np.tile(self._others.save(each).ravel(), (len(latent), 1))
         broken = self._elsewhere.hold(rows, latent, self._longest).failed.sum(axis=1)
@@ -194,7 +194,7 @@ class Replanner:
         return Expansions(search, settings.replan_batch)
 
 
-class _Mission:
+class ReplannedEpisode:
     """One episode under way: which waypoints are behind it, and what is being held."""
 
     def __init__(
@@ -213,12 +213,12 @@ class _Mission:
         self._measured: list[Array] = []  # since then, behind each step
 
     def feed(self, _: int, failed: Array) -> tuple[Array, Array, Array] | None:
-        """See `conduct`."""
+        """See `rollout_closed_loop`."""
         if failed[0]:
             self._in_time = False
             return None
-        seen = self._target.look()
-        self._path.append(seen.judged[0])
+        seen = self._target.estimate_state()
+        self._path.append(seen.achieved_goal[0])
         if len(self._path) > 1:
             self._applied.append(self._target.applied[0].copy())
             self._measured.append(seen.state[0, : self._target.joints])
@@ -232,10 +232,10 @@ class _Mission:
         self._held, self._left = self._held + 1, self._left - 1
         return latent[None], np.array([segment.skill]), np.array([True])
 
-    def _go_on(self, seen: Sighting) -> bool:
+    def _go_on(self, seen: StateEstimate) -> bool:
         """Plan again; whether that is worth its while."""
         if self._prospect is not None and self._held == self._prospect.segment.steps:
-            self._errors.append(float(np.linalg.norm(seen.judged[0] - self._prospect.place)))
+            self._errors.append(float(np.linalg.norm(seen.achieved_goal[0] - self._prospect.place)))
         self._identify(seen)
         self._prospect = self._replanner.next(seen, self._waypoints[self._due :], self._rng)
         self._held, self._left = 0, self._prospect.segment.steps
@@ -245,7 +245,7 @@ class _Mission:
 
     def gave_up(self) -> bool:
         """Whether its time was over, and what is judged seemed not to be near."""
-        self._path.append(self._target.look().judged[0])
+        self._path.append(self._target.estimate_state().achieved_goal[0])
         return self._in_time and not self._near()
 
     def _near(self) -> bool:
@@ -262,7 +262,7 @@ class _Mission:
         """To the waypoint that is due, as it was seen, m."""
         return float(np.linalg.norm(self._path[-1] - self._waypoints[self._due]))
 
-    def _identify(self, seen: Sighting) -> None:
+    def _identify(self, seen: StateEstimate) -> None:
         """Learn from the segment that has ended how the target obeys."""
         self._replanner.learn(self._begun, self._applied, self._measured)
         self._begun, self._applied, self._measured = seen.state, [], []

@@ -13,7 +13,7 @@ from skillcli.errors import SkillError
 from skillcli.evaluation.consistency import check_meaning, stored_recipe
 from skillcli.evaluation.inputs import compose_inputs, embed_means_inputs, pretrain_inputs, transfer_eval_inputs
 from skillcli.evaluation.request import Request
-from skillcli.evaluation.trial import Target
+from skillcli.evaluation.transfer_evaluator import TargetRobots
 from skillcli.kinds import COMPOSE, TRANSFER_EVAL, AnyKind
 from skillcli.kinds.compose import GOALS
 from skillcli.simulation.domains import find_domains
@@ -83,7 +83,7 @@ def of_transfer_eval(artifact: Artifact, domains: Sequence[str], episodes: int) 
         return ""
     joints = World.of(stored_recipe(artifact)).joints
     for domain in found:
-        drawn = Target.drawn(domain, episodes, artifact.seed, joints).parameters
+        drawn = TargetRobots.drawn(domain, episodes, artifact.seed, joints).parameters
         if not _begins(artifact.group(f"domains/{domain.name}"), drawn):
             return ""
     sensitivity = any(domain.sensitivity is not None for domain in results.domains)

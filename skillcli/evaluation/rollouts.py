@@ -21,7 +21,7 @@ class RecordedEnvironment(Protocol):
     num: int
     control_period: float
     tolerance: float
-    target: Array
+    desired_goal: Array
     applied: Array
     unstable: Array
 
@@ -34,14 +34,14 @@ class RecordedEnvironment(Protocol):
     def snapshot(self) -> dict[str, Array]:
         """What a recording keeps of the present moment."""
 
-    def judged(self) -> Array:
+    def achieved_goal(self) -> Array:
         """Where the judged point of each simulation is, (N, 3) m."""
 
     def violations(self) -> Array:
         """Which limits of `SAFETY_LIMITS` the present state breaks, (N, K) bool; K is 0 where there are none."""
 
 
-def play(
+def rollout(
     env: RecordedEnvironment, act: Act, latent: Array, skill: Array, steps: Array | None = None
 ) -> tuple[Trajectories, Array]:
     """Feed each simulation its latents, from where it stands.
@@ -59,11 +59,11 @@ def play(
     """
     num, last = skill.shape
     length = np.full(num, last) if steps is None else steps
-    return conduct(env, act, lambda t, failed: (latent[:, t], skill[:, t], t < length), last)
+    return rollout_closed_loop(env, act, lambda t, failed: (latent[:, t], skill[:, t], t < length), last)
 
 
-def conduct(env: RecordedEnvironment, act: Act, feed: Feed, steps: int) -> tuple[Trajectories, Array]:
-    """Like `play`, but what is fed next may depend on what has happened.
+def rollout_closed_loop(env: RecordedEnvironment, act: Act, feed: Feed, steps: int) -> tuple[Trajectories, Array]:
+    """Like `rollout`, but what is fed next may depend on what has happened.
 
     Args:
         env: N simulations, already placed.
@@ -101,21 +101,21 @@ def conduct(env: RecordedEnvironment, act: Act, feed: Feed, steps: int) -> tuple
         skill=np.stack([skill for _, skill in fed], axis=1).astype(np.int32),
         action=np.stack(actions, axis=1).astype(np.float32),
         reward=np.stack(rewards, axis=1).astype(np.float32),
-        target=env.target.copy(),
+        target=env.desired_goal.copy(),
         success=~failed,
         length=length,
         unstable=unstable if unstable.any() else None,
         violations=broken if broken.shape[1] else None,
         **{name: values.astype(np.float32) for name, values in state.items()},
     )
-    if np.array_equal(recording.usually_judged, recording.judged):
+    if np.array_equal(recording.usual_achieved_goal, recording.achieved_goal):
         recording = replace(recording, judged_position=None)
     near = metrics.final_distance(recording) <= env.tolerance
-    return recording.judged_by(recording.success & near), np.stack(observations, axis=1)
+    return recording.with_success(recording.success & near), np.stack(observations, axis=1)
 
 
 def _moment(env: RecordedEnvironment) -> dict[str, Array]:
-    return {**env.snapshot(), "judged_position": env.judged()}
+    return {**env.snapshot(), "judged_position": env.achieved_goal()}
 
 
 def _frozen(moment: dict[str, Array], before: dict[str, Array], over: Array) -> dict[str, Array]:
@@ -123,10 +123,10 @@ def _frozen(moment: dict[str, Array], before: dict[str, Array], over: Array) -> 
     return {name: np.where(over.reshape(-1, *(1,) * (now.ndim - 1)), before[name], now) for name, now in moment.items()}
 
 
-def play_waypoints(
+def rollout_waypoints(
     env: RecordedEnvironment, act: Act, latent: Array, skill: Array, waypoints: Sequence[Array], steps: Array | None = None
 ) -> Trajectories:
-    """Like `play`, judged by waypoints: all of them approached in order within the tolerance, the last one held.
+    """Like `rollout`, judged by waypoints: all of them approached in order within the tolerance, the last one held.
 
     Args:
         env: N simulations, already placed.
@@ -134,16 +134,16 @@ def play_waypoints(
         latent: (N, T, d).
         skill: (N, T).
         waypoints: (W, 3) m for each simulation; the last one becomes its target.
-        steps: as for `play`.
+        steps: as for `rollout`.
     """
-    env.target[:] = [route[-1] for route in waypoints]
-    recording, _ = play(env, act, latent, skill, steps)
-    return recording.judged_by(recording.success & met(recording, waypoints, env.tolerance))
+    env.desired_goal[:] = [route[-1] for route in waypoints]
+    recording, _ = rollout(env, act, latent, skill, steps)
+    return recording.with_success(recording.success & met(recording, waypoints, env.tolerance))
 
 
 def met(recording: Trajectories, waypoints: Sequence[Array], tolerance: float) -> Array:
     """Which episodes approach their waypoints (W, 3) m in order within the tolerance, (E,) bool."""
     return np.array([
         bool((metrics.ordered_approach(path, route, tolerance) <= tolerance).all())
-        for path, route in zip(recording.judged, waypoints, strict=True)
+        for path, route in zip(recording.achieved_goal, waypoints, strict=True)
     ])  # fmt: skip

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from skillcli.config import randomization as perturbation
+from skillcli.config import randomization
 from skillcli.recipe import Compose
 from skillcli.seeding import generator
 from skillcli.simulation.domains import find_domain
@@ -16,7 +16,7 @@ from skillcli.trajectories import Array
 
 
 @dataclass(frozen=True)
-class Robots:
+class SampledRobots:
     """M robots; without parameters the nominal one."""
 
     parameters: dict[str, Array] = field(default_factory=dict)  # (M,) or (M, n) by name, see `skillcli.config.randomization`
@@ -24,32 +24,36 @@ class Robots:
     seed: int = 0  # of their sensors
 
     @staticmethod
-    def of(settings: Compose, on: str, seed: int, joints: int) -> Robots:
+    def of(settings: Compose, on: str, seed: int, joints: int) -> SampledRobots:
         """What a composition asks for: the target that is planned on, or an ensemble, or neither.
 
         Raises:
             UsageError: the domain is unknown.
         """
         if on:
-            return Robots.drawn(on, seed, joints)
-        return Robots.ensemble(settings.robots, settings.ensemble, seed, joints) if settings.ensemble > 1 else Robots()
+            return SampledRobots.drawn(on, seed, joints)
+        return (
+            SampledRobots.ensemble(settings.robots, settings.ensemble, seed, joints)
+            if settings.ensemble > 1
+            else SampledRobots()
+        )
 
     @staticmethod
-    def drawn(domain: str, seed: int, joints: int) -> Robots:
+    def drawn(domain: str, seed: int, joints: int) -> SampledRobots:
         """One robot out of a domain."""
-        drawn = perturbation.sample(find_domain(domain).parameters, 1, generator(seed, f"target {domain}"), joints)
-        return Robots(drawn, 1, seed)
+        drawn = randomization.sample(find_domain(domain).parameters, 1, generator(seed, f"target {domain}"), joints)
+        return SampledRobots(drawn, 1, seed)
 
     @staticmethod
-    def ensemble(domain: str, count: int, seed: int, joints: int) -> Robots:
+    def ensemble(domain: str, count: int, seed: int, joints: int) -> SampledRobots:
         """The nominal robot, and others that fill the ranges of a domain evenly."""
         ranges = find_domain(domain).parameters
-        drawn = perturbation.fill(ranges, count - 1, generator(seed, f"ensemble {domain}"), joints)
+        drawn = randomization.latin_hypercube(ranges, count - 1, generator(seed, f"ensemble {domain}"), joints)
         whole = {
-            name: np.concatenate([np.full((1, *values.shape[1:]), perturbation.NEUTRAL[name]), values])
+            name: np.concatenate([np.full((1, *values.shape[1:]), randomization.IDENTITY[name]), values])
             for name, values in drawn.items()
         }
-        return Robots(whole, count, seed)
+        return SampledRobots(whole, count, seed)
 
     def simulations(self, world: World, slots: int) -> Environment:
         """Each robot in every slot, at the start; simulation i is robot i modulo M."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from skillcli import metrics
 from skillcli.config.randomization import MANNERS, NEEDS, PARAMETERS
-from skillcli.evaluation.trial import Target
+from skillcli.evaluation.transfer_evaluator import TargetRobots
 from skillcli.kinds.outcome import Distances, Outcome
 from skillcli.kinds.transfer_eval import Alone, DomainResults, SourceResults, WorstEpisode
 from skillcli.trajectories import Array, Trajectories
@@ -26,7 +26,7 @@ def source_report(reference: Trajectories) -> SourceResults:
 
 
 def domain_report(
-    target: Target,
+    target: TargetRobots,
     recording: Trajectories,
     replay_error: Array,
     source_rate: float,
@@ -89,7 +89,7 @@ def broken(recording: Trajectories) -> dict[str, int]:
     return {limit: int((steps > 0).sum()) for limit, steps in recording.beyond_limits.items()}
 
 
-def worst(target: Target, recording: Trajectories, first: int) -> tuple[WorstEpisode, ...]:
+def worst(target: TargetRobots, recording: Trajectories, first: int) -> tuple[WorstEpisode, ...]:
     """Episodes that came apart, then those that end farthest from their target, with the single numbers drawn for them."""
     distance = metrics.final_distance(recording)
     single = {name: values for name, values in target.parameters.items() if values.ndim == 1}
@@ -104,7 +104,7 @@ def worst(target: Target, recording: Trajectories, first: int) -> tuple[WorstEpi
     )
 
 
-def one_at_a_time(target: Target) -> dict[str, Target]:
+def one_at_a_time(target: TargetRobots) -> dict[str, TargetRobots]:
     """The same robots with one parameter alone, and what says how it acts; by its name."""
     found = {}
     for name in target.parameters:
@@ -113,7 +113,7 @@ def one_at_a_time(target: Target) -> dict[str, Target]:
     return found
 
 
-def most_harmful_first(alone: dict[str, tuple[Target, Trajectories]]) -> tuple[Alone, ...]:
+def most_harmful_first(alone: dict[str, tuple[TargetRobots, Trajectories]]) -> tuple[Alone, ...]:
     """Outcomes with one parameter alone, by its name: lowest success first, then the larger median distance."""
     rows = [Alone(**vars(outcome(recording, target.repeats)), parameter=name) for name, (target, recording) in alone.items()]
     return tuple(sorted(rows, key=lambda row: (row.success_rate, -_far(row.final_distance_m.median))))

@@ -12,20 +12,7 @@ from skillcli.kinds.arrays import TRAJECTORIES
 from skillcli.kinds.embed_means import EMBED_MEANS
 from skillcli.kinds.pretrain import PRETRAIN
 from skillcli.kinds.record import Measured, Point, Record, unsaid
-from skillcli.kinds.spec import (
-    CURVE,
-    POSITIVE,
-    WEIGHT,
-    Array,
-    Arrays,
-    Field,
-    KindSpec,
-    Results,
-    Sizes,
-    counted,
-    divided,
-    index,
-)  # fmt: skip
+from skillcli.kinds.spec import CURVE, POSITIVE, WEIGHT, Array, Arrays, Field, KindSpec, Results, Sizes, counted, divided, index
 
 GOALS = "goals"
 """The task of a composition that is no named one: its goals were given."""

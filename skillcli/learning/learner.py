@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from skillcli.config import randomization as perturbation
+from skillcli.config import randomization
 from skillcli.errors import SkillError
 from skillcli.learning import te_ppo
 from skillcli.learning.agent import Agent
@@ -58,7 +58,7 @@ class Learner:
         training = self.recipe.training
         progress = self.iteration / training.iterations
         # Before the rollout and not in the update: there it would count as the policy's own change and use up the target KL.
-        self.agent.policy.bound(te_ppo.settled_std(training.final_action_std, training.settle_from, progress))
+        self.agent.policy.bound(te_ppo.annealed_std(training.final_action_std, training.settle_from, progress))
         self._randomise()
         rollout = collect(self.env, self.agent, self.pool, training.chained_starts, self.rng)
         seen = (torch.from_numpy(rollout.observation).flatten(0, 1), torch.from_numpy(rollout.privileged).flatten(0, 1))
@@ -82,14 +82,14 @@ class Learner:
         chosen = self.recipe.randomisation
         if not chosen.ranges:
             return
-        parameters = perturbation.sample(chosen.ranges, self.env.num, self.rng, self.env.joints)
+        parameters = randomization.sample(chosen.ranges, self.env.num, self.rng, self.env.joints)
         progress = self.iteration / self.recipe.training.iterations
         for ranges, (begin, full) in ((chosen.starts, chosen.starts_span), (chosen.sensing, chosen.sensing_span)):
             share = float(progress >= begin) if begin == full else (progress - begin) / (full - begin)
             spared = self.rng.random(self.env.num) >= share
             for name in ranges:
-                parameters[name][spared] = perturbation.NEUTRAL[name]
-        self.env.perturb(parameters, np.random.default_rng(self.rng.integers(2**63)))
+                parameters[name][spared] = randomization.IDENTITY[name]
+        self.env.randomize(parameters, np.random.default_rng(self.rng.integers(2**63)))
 
     def _outcome(self, rollout: Rollout) -> dict[str, float]:
         tolerance = self.recipe.task.tolerance

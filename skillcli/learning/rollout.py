@@ -25,15 +25,15 @@ class VectorEnvironment(Protocol):
     action_size: int
     privileged_size: int
     goals: Array
-    target: Array
+    desired_goal: Array
 
-    def judged(self) -> Array:
+    def achieved_goal(self) -> Array:
         """Where the judged points are, (N, 3) m."""
 
     def reset(self, ids: Array, skill: Array) -> None:
         """Start these simulations at the start, on these skills."""
 
-    def begin(self, ids: Array, rows: Array, skill: Array) -> None:
+    def reset_to_state(self, ids: Array, rows: Array, skill: Array) -> None:
         """Start these simulations from saved states, on these skills."""
 
     def observe(self) -> Array:
@@ -45,7 +45,7 @@ class VectorEnvironment(Protocol):
     def step(self, action: Array) -> Any:
         """One control step: observation, reward, terminated, truncated."""
 
-    def perturb(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
+    def randomize(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
         """Turn every simulation into a robot of its own."""
 
     def save(self, ids: Array) -> Array:
@@ -97,7 +97,7 @@ def start_episodes(env: VectorEnvironment, pool: StartPool, chained: float, rng:
     if len(fresh):
         env.reset(fresh, skills[fresh])
     if len(kept):
-        env.begin(kept, pool.draw(len(kept), rng), skills[kept])
+        env.reset_to_state(kept, pool.draw(len(kept), rng), skills[kept])
     return skills
 
 
@@ -142,6 +142,6 @@ def collect(env: VectorEnvironment, agent: Agent, pool: StartPool, chained: floa
         skill=skill,
         noise=noise.astype(np.float32),
         latent=latent,
-        final_distance=np.where(alive, np.linalg.norm(env.judged() - env.target, axis=1), np.inf),
+        final_distance=np.where(alive, np.linalg.norm(env.achieved_goal() - env.desired_goal, axis=1), np.inf),
         seconds=seconds,
     )

@@ -39,12 +39,12 @@ def augmented_reward(reward: Array, log_q: Array, training: Training) -> Array:
 FINAL_KL_SHARE = 0.05  # of the target KL, at the end of training
 
 
-def settled_kl(target: float, settle_from: float, progress: float) -> float:
+def annealed_kl(target: float, settle_from: float, progress: float) -> float:
     """The target KL at some progress of the training: as given up to `settle_from`, then shrinking linearly."""
     return target * max(FINAL_KL_SHARE, 1.0 - _settling(settle_from, progress))
 
 
-def settled_std(final: float, settle_from: float, progress: float) -> float:
+def annealed_std(final: float, settle_from: float, progress: float) -> float:
     """The largest standard deviation of an action at some progress of the training: 1 up to `settle_from`, then down to
     `final` by the same factor each time. What is learned under noise relies on it: noise carries a box on.
     """
@@ -151,7 +151,7 @@ def update(
     """
     orders = [rng.permutation(len(batch.skill)) for _ in range(training.epochs)]
     with ThreadPoolExecutor(2, initializer=torch.set_num_threads, initargs=(1,)) as threads:
-        target_kl = settled_kl(training.target_kl, training.settle_from, progress)
+        target_kl = annealed_kl(training.target_kl, training.settle_from, progress)
         actor = threads.submit(_update_actor, batch, agent, optimizers, training, target_kl, orders)
         critic = threads.submit(_update_critics, batch, agent, optimizers, training, orders)
         return actor.result() | critic.result()

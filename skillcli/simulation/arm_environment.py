@@ -11,10 +11,10 @@ import numpy as np
 
 from skillcli.robots.robot import Robot
 from skillcli.simulation import disturbance, sensors
-from skillcli.simulation.arms import Arms
+from skillcli.simulation.arms import ArmBatch
 from skillcli.simulation.chance import Rng
 from skillcli.simulation.disturbance import Disturbance
-from skillcli.simulation.environment import Array, ObservationTerm, RewardTerms, Sighting, Step, total_reward
+from skillcli.simulation.environment import Array, ObservationTerm, RewardTerms, StateEstimate, Step, total_reward
 from skillcli.simulation.safety import RANGE_TOLERANCE, STIFF_TABLE_TOLERANCE, Clearance
 from skillcli.simulation.sensors import Sensors
 from skillcli.simulation.settings import ArmTask
@@ -56,9 +56,9 @@ class ArmEnvironment:
         self.shown_size = sum(term.size for term in self.shows(task))
         spec = self.scene(task, robot, delay)
         substeps = round(task.control_period / spec.option.timestep)
-        self.arms = Arms(spec.compile(), num, substeps, task.action_limit, robot.names, threads)
+        self.arms = ArmBatch(spec.compile(), num, substeps, task.action_limit, robot.names, threads)
         self.goals = goals
-        self.target = np.zeros((num, 3))
+        self.desired_goal = np.zeros((num, 3))
         self.applied, self.unstable = np.zeros((num, joints)), np.zeros(num, dtype=bool)
         self._start = np.array(start_of(task, robot))
         self._speed_limit = robot.speed_limit
@@ -99,13 +99,13 @@ class ArmEnvironment:
         """What else is observed, from what was measured last; (N, `shown_size`)."""
         raise NotImplementedError
 
-    def judged(self) -> Array:
+    def achieved_goal(self) -> Array:
         """See `Environment`."""
         raise NotImplementedError
 
-    def landmarks(self) -> Array:
+    def keypoints(self) -> Array:
         """See `Environment`."""
-        return self.judged()[:, None]
+        return self.achieved_goal()[:, None]
 
     def reward_terms(self) -> RewardTerms:
         """What the present state earns and costs, by name, weighted, (N,) each."""
@@ -134,7 +134,7 @@ class ArmEnvironment:
         self._begin(ids, skill)
         self._measured = self._true().astype(np.float32)
 
-    def begin(self, ids: Array, rows: Array, skill: Array) -> None:
+    def reset_to_state(self, ids: Array, rows: Array, skill: Array) -> None:
         """See `Environment`."""
         self.arms.restore(ids, rows)
         self._begin(ids, skill)
@@ -143,11 +143,11 @@ class ArmEnvironment:
         self._put(ids, self.place_object(ids))
 
     def _put(self, ids: Array, object_pose: Array | None) -> None:
-        self.arms.place(ids, self._start + self._start_offset[ids], object_pose)
+        self.arms.reset_to(ids, self._start + self._start_offset[ids], object_pose)
 
     def _begin(self, ids: Array, skill: Array) -> None:
         self._elapsed[ids] = 0
-        self.target[ids] = self.goals[skill]
+        self.desired_goal[ids] = self.goals[skill]
         if self._sensors is not None:
             self._sensors.begin(ids, self._true()[ids])
 
@@ -179,9 +179,9 @@ class ArmEnvironment:
             observation[:, -joints:] = self._commanded() - observation[:, :joints]
         return observation
 
-    def perturb(self, parameters: Mapping[str, Array], rng: Rng) -> None:
+    def randomize(self, parameters: Mapping[str, Array], rng: Rng) -> None:
         """See `Environment`."""
-        self.arms.perturb(parameters)
+        self.arms.randomize(parameters)
         start = np.broadcast_to(parameters.get("start_offset", 0.0), (self.num, self.action_size))
         offset = parameters.get("joint_offset")
         self._joint_offset = offset if offset is not None and offset.any() else None
@@ -216,7 +216,7 @@ class ArmEnvironment:
         """See `Environment`."""
         self.arms.awake = ids
 
-    def look(self) -> Sighting:
+    def estimate_state(self) -> StateEstimate:
         """See `Environment`: joints and their velocities, the targets commanded of late, and the pose of the object."""
         steps = min(2, len(self._past))  # over one step the noise of the sensors would drown the velocity
         velocity = np.zeros((self.num, self.action_size))
@@ -227,23 +227,23 @@ class ArmEnvironment:
         commands = [commands[0]] * (REMEMBERED + 1 - len(commands)) + commands
         object_pose = self.object_seen()
         parts = (self._measured[:, : self.action_size], velocity, *commands, *(() if object_pose is None else (object_pose,)))
-        return Sighting(np.concatenate(parts, axis=1), self.judged_seen(object_pose))
+        return StateEstimate(np.concatenate(parts, axis=1), self.estimate_achieved_goal(object_pose))
 
     def object_seen(self) -> Array | None:
         """Pose of the object as a camera shows it, (N, J), None without one."""
         return None
 
-    def judged_seen(self, object_pose: Array | None) -> Array:
+    def estimate_achieved_goal(self, object_pose: Array | None) -> Array:
         """Where the judged point seems to be, (N, 3) m."""
         return self._measured[:, self.action_size :].astype(float)
 
-    def imagine(self, ids: Array, state: Array, sag: Array | None = None) -> None:
+    def set_estimated_state(self, ids: Array, state: Array, sag: Array | None = None) -> None:
         """See `Environment`."""
         n = self.action_size
         joints, velocity, rest = state[:, :n], state[:, n : 2 * n], state[:, 2 * n :]
         commands = rest[:, : n * (REMEMBERED + 1)].reshape(len(ids), REMEMBERED + 1, n)
         pose = rest[:, n * (REMEMBERED + 1) :]
-        self.arms.assume(ids, joints, velocity, commands, pose if pose.shape[1] else None, sag)
+        self.arms.set_state(ids, joints, velocity, commands, pose if pose.shape[1] else None, sag)
 
     def _commanded(self) -> Array:
         """Commanded targets as the controller shows them, (N, J) rad: they share the offset of the encoders."""
@@ -254,12 +254,12 @@ class ArmEnvironment:
 
     def _move(self, increment: Array) -> Array:
         if self._disturbance is None:
-            return self.arms.move(increment)
+            return self.arms.step(increment)
         lateness, forces = self._disturbance.lateness(), self._disturbance.forces()
         if forces is None:
-            return self.arms.move(increment, lateness)
-        self.arms.knock(*forces)
-        applied = self.arms.move(increment, lateness)
+            return self.arms.step(increment, lateness)
+        self.arms.apply_external_force(*forces)
+        applied = self.arms.step(increment, lateness)
         self.arms.release()
         return applied
 

@@ -25,7 +25,7 @@ CONTACT_FORCE = "contact_force"  # the sensor of what touches the arm, in scenes
 _FARTHEST, _FASTEST = 100.0, 1000.0
 
 
-class Arms:
+class ArmBatch:
     """N simulations of one model whose arm is driven by increments of a commanded joint target.
 
     The target, not the measured position, is integrated: with the wrist's 9 N·m, `measured + 0.04` stalls at 0.018 rad.
@@ -43,7 +43,7 @@ class Arms:
 
     # The target may lead the arm by this much, rad: the servos lag 0.08 rad at full speed, and an arm that is held back
     # must not wind its target up.
-    LEASH = 0.2
+    MAX_TRACKING_ERROR = 0.2
 
     def __init__(
         self,
@@ -87,7 +87,7 @@ class Arms:
         self._default_row = self.batch.state[0].copy()
         self.awake: Array | None = None  # ids of the simulations that move; None for all, the others cost nothing
         self._perturbed: set[str] = set()  # model fields that differ between simulations
-        self._memory = _Memory(self.batch, servos, substeps)
+        self._memory = ActuatorHistory(self.batch, servos, substeps)
 
     @property
     def joint_position(self) -> Array:
@@ -142,15 +142,15 @@ class Arms:
         force: Array = self.batch.bind("sensordata")[:, self._contact_force]
         return force
 
-    def place(self, ids: Array, joint_position: Array, object_pose: Array | None = None) -> None:
+    def reset_to(self, ids: Array, joint_position: Array, object_pose: Array | None = None) -> None:
         """Put arms at rest at joint positions (n, J) rad, clipped to the joint range, their servos holding them there.
 
         The object, where there is one, is put at poses (n, 7) m and w x y z, at rest.
         """
         q = np.clip(joint_position, self._low, self._high)
-        self.assume(ids, q, np.zeros_like(q), q[:, None], object_pose)
+        self.set_state(ids, q, np.zeros_like(q), q[:, None], object_pose)
 
-    def assume(
+    def set_state(
         self,
         ids: Array,
         joint_position: Array,
@@ -182,7 +182,7 @@ class Arms:
         self._memory.fill(ids, commands)  # else the servos would first obey a memory of zeros
         self.batch.forward(np.sort(ids), stage=_NEW_STATE)
 
-    def move(self, increment: Array, lateness: Array | None = None) -> Array:
+    def step(self, increment: Array, lateness: Array | None = None) -> Array:
         """Add increments (N, J) rad to the commanded targets and advance by one control step.
 
         Args:
@@ -194,7 +194,7 @@ class Arms:
         """
         increment = np.clip(increment, -self.action_limit, self.action_limit)
         measured = self.joint_position
-        target = np.clip(self._ctrl + increment, measured - self.LEASH, measured + self.LEASH)
+        target = np.clip(self._ctrl + increment, measured - self.MAX_TRACKING_ERROR, measured + self.MAX_TRACKING_ERROR)
         target = np.clip(target, self._low, self._high)
         done = 0
         for late in np.unique(lateness) if lateness is not None else (0,):
@@ -217,7 +217,7 @@ class Arms:
         self.batch.state[ids] = rows
         self.batch.forward(np.sort(ids), stage=_NEW_STATE)
 
-    def perturb(self, parameters: Mapping[str, Array]) -> None:
+    def randomize(self, parameters: Mapping[str, Array]) -> None:
         """Make each simulation a robot of its own, whatever it was; see `skillcli.config.randomization.PARAMETERS`.
 
         Args:
@@ -273,7 +273,7 @@ class Arms:
         live["geom_pos"][:, top] += half * (upright - table.normal(tilt))
         live["geom_quat"][:, top] = table.quaternion(tilt)
 
-    def knock(self, arm: Array, box: Array) -> None:
+    def apply_external_force(self, arm: Array, box: Array) -> None:
         """Let forces (N, 3) N act on the last link and on the box, where there is one, until `release`."""
         forces = self.batch.bind("xfrc_applied")
         forces[:, self.model.site("gripper").bodyid[0], :3] = arm
@@ -281,7 +281,7 @@ class Arms:
             forces[:, self.model.body(OBJECT).id, :3] = box
 
     def release(self) -> None:
-        """End what `knock` began."""
+        """End what `apply_external_force` began."""
         self.batch.bind("xfrc_applied")[:] = 0.0
 
     def reported_shift(self, offset: Array) -> Array:
@@ -298,7 +298,7 @@ class Arms:
         return broken
 
 
-class _Memory:
+class ActuatorHistory:
     """What servos remember of their commands: those that are delayed, and the state of those that filter them."""
 
     def __init__(self, batch: Batch, servos: list[int], substeps: int) -> None:

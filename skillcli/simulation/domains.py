@@ -16,7 +16,7 @@ from pydantic import AfterValidator, Field, ValidationError
 
 from skillcli.config.base import Section
 from skillcli.config.explain import complaint
-from skillcli.config.randomization import PARAMETERS, Range, Ranges, closest
+from skillcli.config.randomization import PARAMETERS, Distribution, Distributions, closest
 from skillcli.config.toml_file import read_toml
 from skillcli.errors import UsageError
 
@@ -34,7 +34,7 @@ class Domain:
 
     name: str
     description: str
-    parameters: dict[str, Range]
+    parameters: dict[str, Distribution]
 
 
 def _fit_for_a_path(name: str) -> str:
@@ -49,7 +49,7 @@ class _File(Section):
     name: Annotated[str, AfterValidator(_fit_for_a_path)]
     description: Annotated[str, Field(max_length=500)] = ""
     extends: str | None = None
-    parameters: Ranges = Field(default_factory=dict)
+    parameters: Distributions = Field(default_factory=dict)
 
 
 def find_domain(text: str) -> Domain:

@@ -13,7 +13,7 @@ from skillcli.robots.robot import Robot
 from skillcli.simulation.chance import Rng
 from skillcli.trajectories import SAFETY_LIMITS, Array
 
-__all__ = ["SAFETY_LIMITS", "Array", "Environment", "ObservationTerm", "RewardTerms", "Sighting", "Step", "total_reward"]
+__all__ = ["SAFETY_LIMITS", "Array", "Environment", "ObservationTerm", "RewardTerms", "StateEstimate", "Step", "total_reward"]
 
 
 class Step(NamedTuple):
@@ -46,11 +46,11 @@ def total_reward(terms: RewardTerms) -> NDArray[Any]:
     return np.subtract(earned, functools.reduce(np.add, terms.costs.values())) if terms.costs else earned
 
 
-class Sighting(NamedTuple):
+class StateEstimate(NamedTuple):
     """What the sensors of N simulations tell of their state."""
 
-    state: NDArray[Any]  # (N, v), opaque: `Environment.imagine` understands it
-    judged: NDArray[Any]  # (N, 3) m, where the judged point seems to be
+    state: NDArray[Any]  # (N, v), opaque: `Environment.set_estimated_state` understands it
+    achieved_goal: NDArray[Any]  # (N, 3) m, where the judged point seems to be
 
 
 class Environment(Protocol):
@@ -66,7 +66,7 @@ class Environment(Protocol):
     privileged_size: int
     goals: Array  # (K, 3) m, the goal of each skill
     tolerance: float  # m
-    target: Array  # (N, 3) m, the goal that the reward looks at
+    desired_goal: Array  # (N, 3) m, the goal that the reward looks at
     applied: Array  # (N, a) the last step's action as it was commanded, clipped to the action limit, rad or m
     unstable: Array  # (N,) bool: whose last step ended in a state that is not finite or not of this world
 
@@ -85,13 +85,13 @@ class Environment(Protocol):
     def wake(self, ids: Array | None) -> None:
         """Let only these simulations move, all where None; the others may stay as they are, and cost less."""
 
-    def judged(self) -> Array:
+    def achieved_goal(self) -> Array:
         """Where the judged point of each simulation is, (N, 3) m."""
 
-    def landmarks(self) -> Array:
+    def keypoints(self) -> Array:
         """Points that tell a planner how things stand, (N, L, 3) m: the judged one first, then the gripper beside a box."""
 
-    def begin(self, ids: Array, rows: Array, skill: Array) -> None:
+    def reset_to_state(self, ids: Array, rows: Array, skill: Array) -> None:
         """Begin episodes of these skills from saved states, their clocks at zero."""
 
     def save(self, ids: Array) -> Array:
@@ -100,16 +100,16 @@ class Environment(Protocol):
     def restore(self, ids: Array, rows: Array) -> None:
         """Put saved states into these slots."""
 
-    def look(self) -> Sighting:
+    def estimate_state(self) -> StateEstimate:
         """The state as the sensors show it now, noise and all, behind the last observation."""
 
-    def imagine(self, ids: Array, state: Array, sag: Array | None = None) -> None:
+    def set_estimated_state(self, ids: Array, state: Array, sag: Array | None = None) -> None:
         """Put simulations (n,) into the state that sightings (n, v) suggest, those of another robot perhaps.
 
         Its joints may come to rest off their targets, by `sag` (n, 7) rad; so do those of these simulations from now on.
         """
 
-    def perturb(self, parameters: Mapping[str, Array], rng: Rng) -> None:
+    def randomize(self, parameters: Mapping[str, Array], rng: Rng) -> None:
         """Turn every simulation into a robot of its own, before a reset; see `skillcli.config.randomization.PARAMETERS`.
 
         Args:

@@ -14,18 +14,13 @@ from skillcli.composition.plan import Plan, Segment, schedule
 from skillcli.composition.registry import METHODS, method_spec
 from skillcli.evaluation.inputs import compose_inputs, robots_for
 from skillcli.evaluation.library import Library, check_untouched, open_library
-from skillcli.evaluation.limits import breaks
 from skillcli.evaluation.planning import problem_of
 from skillcli.evaluation.request import Request
-from skillcli.evaluation.rollouts import play_waypoints
-from skillcli.evaluation.sampled_robots import Robots
+from skillcli.evaluation.rollouts import rollout_waypoints
+from skillcli.evaluation.sampled_robots import SampledRobots
+from skillcli.evaluation.violations import locate_violations
 from skillcli.kinds import COMPOSE
-from skillcli.kinds.compose import (
-    GOALS,
-    ComposeMeasured,
-    ComposeResults,
-    Waypoint,
-)
+from skillcli.kinds.compose import GOALS, ComposeMeasured, ComposeResults, Waypoint
 from skillcli.kinds.record import point
 from skillcli.progress import Progress, Report, silent
 from skillcli.recipe import Recipe
@@ -84,17 +79,17 @@ def compose(
     finding = spec.examine(problems[0]) if spec.examine else Finding({}, {}, 0.0)
     planning_seconds = time.perf_counter() - started
     plan = Plan(tuple(tuple(found.segments) for found in planned))
-    judge = robots if on else Robots()
+    judge = robots if on else SampledRobots()
     recordings = [
         execute(library, route, waypoints, judge) for route, waypoints in zip(plan.routes, request.routes, strict=True)
     ]
     recording = Trajectories.join(recordings)
-    met, broken = recording.success, breaks(library, plan, recording, judge)
-    recording = recording.judged_by(met & recording.within_limits)  # who plans may choose: a broken limit is no success
+    met, broken = recording.success, locate_violations(library, plan, recording, judge)
+    recording = recording.with_success(met & recording.within_limits)  # who plans may choose: a broken limit is no success
     tolerance = recipe.task.tolerance
     closest = [
         metrics.ordered_approach(path, waypoints, tolerance)
-        for path, waypoints in zip(recording.judged, request.routes, strict=True)
+        for path, waypoints in zip(recording.achieved_goal, request.routes, strict=True)
     ]
     return store.write(
         Draft(
@@ -141,11 +136,11 @@ def _within(report: Report, done: int, total: int) -> Report:
     return told
 
 
-def execute(library: Library, route: Sequence[Segment], waypoints: Array, robots: Robots) -> Trajectories:
+def execute(library: Library, route: Sequence[Segment], waypoints: Array, robots: SampledRobots) -> Trajectories:
     """Run the plan of one route from the start on one robot."""
     env = robots.simulations(library.world, 1)
     latent, skill = schedule(route)
-    return play_waypoints(env, library.agent.act, latent[None], skill[None], [waypoints])
+    return rollout_waypoints(env, library.agent.act, latent[None], skill[None], [waypoints])
 
 
 def _violations(recording: Trajectories) -> dict[str, int]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skillcli import metrics
-from skillcli.evaluation.held import play_held
+from skillcli.evaluation.held import rollout_held
 from skillcli.evaluation.inputs import embed_means_inputs
 from skillcli.evaluation.library import open_library
 from skillcli.kinds import EMBED_MEANS, PRETRAIN
@@ -31,7 +31,7 @@ def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | N
     latent = np.concatenate([mean, mean[pairs].mean(axis=1)])
     target = np.concatenate([library.goals, library.goals[pairs].mean(axis=1)])
     fed = np.concatenate([skills, np.full(len(pairs), -1)])
-    recording = play_held(recipe, library.agent, latent, target, fed)[0]
+    recording = rollout_held(recipe, library.agent, latent, target, fed)[0]
     distance = metrics.final_distance(recording)
     return store.write(
         Draft(
@@ -76,7 +76,7 @@ def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | N
 def _halfway(names: tuple[str, ...], pairs: Array, recording: Trajectories) -> tuple[Halfway, ...]:
     """What the mean of two neighbouring latents does, against going half-way between the two goals."""
     episodes = np.arange(recording.episodes)
-    start, end = recording.judged[:, 0], recording.judged[episodes, recording.length]
+    start, end = recording.achieved_goal[:, 0], recording.achieved_goal[episodes, recording.length]
     moved, wanted = end - start, recording.target - start
     distance = metrics.final_distance(recording)
     lengths = np.linalg.norm(moved, axis=1), np.linalg.norm(wanted, axis=1)

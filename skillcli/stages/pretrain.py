@@ -14,20 +14,13 @@ import numpy as np
 from skillcli import metrics
 from skillcli.config.randomization import sample
 from skillcli.errors import Interrupted, StoreError
-from skillcli.evaluation.held import play_held
+from skillcli.evaluation.held import rollout_held
 from skillcli.evaluation.inputs import pretrain_inputs
 from skillcli.evaluation.library import skill_names
-from skillcli.evaluation.rollouts import play
+from skillcli.evaluation.rollouts import rollout
 from skillcli.kinds import PRETRAIN
 from skillcli.kinds.outcome import Distances
-from skillcli.kinds.pretrain import (
-    EmbeddingQuality,
-    PretrainMeasured,
-    PretrainResults,
-    Randomised,
-    Throughput,
-    TrainedSkill,
-)
+from skillcli.kinds.pretrain import EmbeddingQuality, PretrainMeasured, PretrainResults, Randomised, Throughput, TrainedSkill
 from skillcli.kinds.record import point
 from skillcli.learning.agent import Agent
 from skillcli.learning.learner import Learner
@@ -189,7 +182,7 @@ def evaluate(recipe: Recipe, agent: Agent, seed: int, threads: int = 0) -> Evalu
     skill = np.repeat(np.arange(skills), samples)
     fed = np.where(np.arange(skills * samples) % samples == 0, skill, -1)  # -1: not the mean of any skill
     goals = World.of(recipe).goals
-    recording, observation = play_held(recipe, agent, latent.reshape(-1, mean.shape[1]), goals[skill], fed, threads)
+    recording, observation = rollout_held(recipe, agent, latent.reshape(-1, mean.shape[1]), goals[skill], fed, threads)
     window = np.arange(observation.shape[1] - agent.window, observation.shape[1]).clip(min=0)  # padded as in training
     kept = [k * samples + m for k in range(skills) for m in range(min(samples, 1 + recipe.evaluation.stored))]
     shape = (skills, samples)
@@ -216,7 +209,7 @@ def evaluate_randomised(recipe: Recipe, agent: Agent, seed: int, threads: int = 
         part = slice(first, first + MAX_SIMULATIONS)
         env = world.stand(skill[part], {name: values[part] for name, values in drawn.items()}, rng, threads)
         latent, fed = (np.repeat(each[part][:, None], env.horizon, axis=1) for each in (mean[skill], skill))
-        recordings.append(play(env, agent.act, latent, fed)[0])
+        recordings.append(rollout(env, agent.act, latent, fed)[0])
     recording = Trajectories.join(recordings)
     successes = int(recording.success.sum())
     return Randomised(

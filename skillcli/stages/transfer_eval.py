@@ -9,12 +9,12 @@ import numpy as np
 
 from skillcli import metrics
 from skillcli.errors import UsageError
+from skillcli.evaluation.episode_schedule import EpisodeSchedule
 from skillcli.evaluation.inputs import replanning, transfer_eval_inputs
 from skillcli.evaluation.library import Library, check_untouched, open_library
 from skillcli.evaluation.replanning import Replanner
-from skillcli.evaluation.script import Script
+from skillcli.evaluation.transfer_evaluator import NOMINAL, TargetRobots, TransferEvaluator
 from skillcli.evaluation.transfer_report import domain_report, most_harmful_first, one_at_a_time, source_report
-from skillcli.evaluation.trial import NOMINAL, Target, Trial
 from skillcli.kinds import COMPOSE, TRANSFER_EVAL
 from skillcli.kinds.transfer_eval import TargetRobot, TransferEvalMeasured, TransferEvalResults
 from skillcli.progress import Progress, Report, silent
@@ -64,15 +64,15 @@ def transfer_eval(
     store.check_writable(name or source_id.name)
     source = store.read(source_id)
     library = open_library(store, source)
-    drawn = [Target.drawn(domain, episodes, seed, library.world.joints) for domain in found]
+    drawn = [TargetRobots.drawn(domain, episodes, seed, library.world.joints) for domain in found]
     planning = ", ".join(f"{method}.*" for method in replanning())
     check_untouched(library, recipe, f"transfer.*, compose.* and, with --replan, {planning}")
     replanner = _replanner(library, recipe, source) if recipe.transfer.replan else None
     world = library.world if robot is None else library.world.on(robot)
-    trial, once = Trial(library, seed, world, replanner), Script.of(source, library)
+    trial, once = TransferEvaluator(library, seed, world, replanner), EpisodeSchedule.of(source, library)
     trial.check()
     # nothing goes on by chance in the source: one episode of each route or skill says it all
-    reference = Trial(library, seed, library.world).run(once, NOMINAL)
+    reference = TransferEvaluator(library, seed, library.world).run(once, NOMINAL)
     rate, rounds = float(reference.success.mean()), _Rounds(trial, once, report)
     targets = [target.first(rounds.count(target)) for target in drawn]
     alone = {target.name: one_at_a_time(target) if sensitivity else {} for target in targets}
@@ -130,22 +130,22 @@ def _replanner(library: Library, recipe: Recipe, source: Artifact) -> Replanner:
 class _Rounds:
     """Episodes on one target after the other, counted over all of them."""
 
-    trial: Trial
-    once: Script  # one episode of each route or skill
+    trial: TransferEvaluator
+    once: EpisodeSchedule  # one episode of each route or skill
     report: Report
     total: int = 0
     done: int = 0
     success: dict[str, float] = field(default_factory=dict)  # by target, so far
 
-    def count(self, target: Target) -> int:
+    def count(self, target: TargetRobots) -> int:
         """How many of a target's episodes are worth playing: what repeats is played once."""
         return min(target.episodes, self.once.episodes) if target.repeats else target.episodes
 
-    def expect(self, targets: Sequence[Target]) -> None:
+    def expect(self, targets: Sequence[TargetRobots]) -> None:
         """Say what will be played."""
         self.total = sum(self.count(target) for target in targets)
 
-    def play(self, target: Target, what: str) -> Trajectories:
+    def play(self, target: TargetRobots, what: str) -> Trajectories:
         """All episodes of a target."""
         before, count = self.done, self.count(target)
 

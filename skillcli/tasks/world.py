@@ -166,7 +166,7 @@ class World:
 def begin(env: Environment, skill: Array, parameters: Mapping[str, Array], rng: Rng) -> None:
     """Make simulations the robots of `parameters`, and put them at the start; see `World.stand`."""
     if parameters:
-        env.perturb(parameters, rng)
+        env.randomize(parameters, rng)
     env.reset(np.arange(len(skill)), skill)
 
 

@@ -66,7 +66,7 @@ def mean_episodes(scene: Scene) -> dict[int, int]:
 
 def path(scene: Scene, episode: int) -> Array:
     """The judged point over the episode, (length+1, 3) m."""
-    moved: Array = scene.trajectories.judged[episode, : int(scene.trajectories.length[episode]) + 1]
+    moved: Array = scene.trajectories.achieved_goal[episode, : int(scene.trajectories.length[episode]) + 1]
     return moved
 
 

@@ -50,14 +50,14 @@ def episodes(composer: Scripted, rounds: int = 1, good_enough: float = 0.0) -> E
     return Episodes(start, route, composer, steps=2, segments=3, settings=settings)
 
 
-def play(planner: Episodes, world: Plane | None = None) -> Episodes:
+def rollout(planner: Episodes, world: Plane | None = None) -> Episodes:
     run(planner, world or Plane(), lambda *_: None)  # type: ignore[arg-type]
     return planner
 
 
 def test_rewards_are_the_metres_left_on_average_and_an_episode_is_over_where_it_arrives() -> None:
     composer = Scripted()
-    planner = play(episodes(composer))
+    planner = rollout(episodes(composer))
     assert np.stack(composer.rewards[:2]).tolist() == [[-25, -25, -55], [-5, -5, -75]] and composer.rewards[2][2] == -95
     assert composer.valid[0].tolist() == [[True, True, True], [True, True, True], [False, False, True]]
     assert np.stack(composer.terminated).tolist() == [[False] * 3, [True, True, False], [False] * 3]
@@ -68,31 +68,31 @@ def test_rewards_are_the_metres_left_on_average_and_an_episode_is_over_where_it_
 
 
 def test_the_plan_ends_the_moment_it_arrives() -> None:
-    planner = play(episodes(Scripted(speeds=(0.8,))))
+    planner = rollout(episodes(Scripted(speeds=(0.8,))))
     assert [segment.steps for segment in planner.plan()] == [2, 2, 1] and planner.merit == (0, 0.01, 5)
 
 
 def test_the_best_plan_of_the_first_episode_is_kept_with_its_weights() -> None:
     composer = Scripted(speeds=(0.5, 0.7, 0.1))
-    planner = play(episodes(composer, rounds=3))
+    planner = rollout(episodes(composer, rounds=3))
     assert [segment.latent[0] for segment in planner.plan()] == [0.7] * 3 and planner.weights["round"] == 1
     np.testing.assert_allclose(planner.curves["greedy_final_distance"], [1.0, 0.2, 3.4])
     assert planner.curves["env_steps"] == [18, 36, 54] and planner.curves["round"] == [1, 2, 3]
 
 
 def test_who_arrives_sooner_is_better() -> None:
-    planner = play(episodes(Scripted(speeds=(0.8, 1.0, 0.8)), rounds=3))
+    planner = rollout(episodes(Scripted(speeds=(0.8, 1.0, 0.8)), rounds=3))
     assert planner.merit == (0, 0.01, 4) and planner.weights["round"] == 1
 
 
 def test_learning_ends_once_it_is_good_enough() -> None:
     composer = Scripted(speeds=(0.5, 0.7, 0.1))
-    assert play(episodes(composer, rounds=3, good_enough=0.25)).done[0] == 2
+    assert rollout(episodes(composer, rounds=3, good_enough=0.25)).done[0] == 2
 
 
 def test_a_failed_episode_counts_once_and_is_over() -> None:
     composer = Scripted()
-    planner = play(episodes(composer), Plane(lambda path: path[..., 0] > -3))
+    planner = rollout(episodes(composer), Plane(lambda path: path[..., 0] > -3))
     assert np.stack(composer.terminated)[:, 2].tolist() == [False, True, False]
     assert composer.valid[0][:, 2].tolist() == [True, True, False]
     assert composer.rewards[1][2] == -10 * FAILED
@@ -101,5 +101,5 @@ def test_a_failed_episode_counts_once_and_is_over() -> None:
 
 
 def test_a_first_episode_that_fails_gives_no_plan() -> None:
-    planner = play(episodes(Scripted()), Plane(lambda path: path[..., 0] < 3))
+    planner = rollout(episodes(Scripted()), Plane(lambda path: path[..., 0] < 3))
     assert planner.plan() == [] and planner.weights == {}

@@ -22,7 +22,7 @@ class Plane:
     def observe(self) -> Array:
         return self.position.copy()
 
-    def landmarks(self) -> Array:
+    def keypoints(self) -> Array:
         return np.stack([self.position, -self.position], axis=1)
 
     def step(self, action: Array) -> Any:
@@ -107,5 +107,5 @@ def test_holding_on_the_arm_equals_stepping_it_directly(task: ReachTask | PushTa
     outcome = LatentEnvironment(env, joint_policy).hold(rows, latent, 3)
     for t in range(1, 4):
         twin.step(joint_policy(twin.observe(), latent))
-        np.testing.assert_array_equal(outcome.path[:, 0, t], twin.landmarks())
+        np.testing.assert_array_equal(outcome.path[:, 0, t], twin.keypoints())
     np.testing.assert_array_equal(outcome.sim_states, twin.save(np.arange(5)))

@@ -1,4 +1,4 @@
-"""Ranges: how they are written, what is refused, and what is drawn from them."""
+"""Distributions: how they are written, what is refused, and what is drawn from them."""
 
 from __future__ import annotations
 
@@ -11,13 +11,26 @@ from pydantic import TypeAdapter, ValidationError
 from ranges import log_uniform, one_of, uniform
 from worlds import JOINTS
 
-from skillcli.config.randomization import MAX_LATENCY, NEUTRAL, PARAMETERS, PER_JOINT, Range, Ranges, fill, sample
+from skillcli.config.randomization import (
+    IDENTITY,
+    MAX_LATENCY,
+    PARAMETERS,
+    PER_JOINT,
+    Distribution,
+    Distributions,
+    latin_hypercube,
+    sample,
+)
 
-READER: TypeAdapter[dict[str, Range]] = TypeAdapter(Ranges)
+READER: TypeAdapter[dict[str, Distribution]] = TypeAdapter(Distributions)
 
 
-def read(toml: str) -> dict[str, Range]:
-    """Ranges as a recipe's file writes them."""
+def fixed(*values: float) -> Distribution:
+    return Distribution(kind="fixed", values=values)
+
+
+def read(toml: str) -> dict[str, Distribution]:
+    """Distributions as a recipe's file writes them."""
     return READER.validate_python(tomllib.loads(toml))
 
 
@@ -35,11 +48,15 @@ def rng(seed: int = 0) -> np.random.Generator:
         ("gain = { one_of = [3] }", one_of(3), "3"),
         ("gain = 0.005", one_of(0.005), "0.005"),
         ("gain = 2", one_of(2), "2"),
-        ("gain = { values = [1, 2, 3, 4, 5, 6, 7] }", Range(kind="fixed", values=(1, 2, 3, 4, 5, 6, 7)), "1, 2, 3, 4, 5, 6, 7"),
+        (
+            "gain = { values = [1, 2, 3, 4, 5, 6, 7] }",
+            Distribution(kind="fixed", values=(1, 2, 3, 4, 5, 6, 7)),
+            "1, 2, 3, 4, 5, 6, 7",
+        ),
         ("gain = { kind = 'uniform', values = [0.6, 1.4] }", uniform(0.6, 1.4), "0.6 .. 1.4"),
     ],
 )
-def test_every_way_to_write_a_range_is_read_stored_and_told(toml: str, expected: Range, told: str) -> None:
+def test_every_way_to_write_a_range_is_read_stored_and_told(toml: str, expected: Distribution, told: str) -> None:
     found = read(toml)
     assert found == {"gain": expected} and str(found["gain"]) == told
     assert READER.validate_python(READER.dump_python(found, mode="json")) == found
@@ -132,18 +149,18 @@ def test_a_sample_depends_on_the_generator_and_not_on_the_order_of_the_ranges() 
 
 
 def test_every_parameter_has_a_size_a_unit_a_meaning_and_a_neutral_value() -> None:
-    assert NEUTRAL.keys() == PARAMETERS.keys()
+    assert IDENTITY.keys() == PARAMETERS.keys()
     for name, parameter in PARAMETERS.items():
         assert parameter.size in (PER_JOINT, 1, 2, 3) and parameter.meaning
         assert parameter.unit in ("factor", "m", "rad", "s", "1/s", "N s")
-        assert NEUTRAL[name] == (1 if parameter.unit == "factor" else 0)
-        assert parameter.low <= NEUTRAL[name] <= parameter.high
+        assert IDENTITY[name] == (1 if parameter.unit == "factor" else 0)
+        assert parameter.low <= IDENTITY[name] <= parameter.high
 
 
 def test_fixed_values_are_those_of_each_joint_in_every_episode() -> None:
-    values = Range(kind="fixed", values=(1, 2, 3, 4, 5, 6, 7))
+    values = Distribution(kind="fixed", values=(1, 2, 3, 4, 5, 6, 7))
     assert sample({"gain": values}, 2, rng(), JOINTS)["gain"].tolist() == [[1, 2, 3, 4, 5, 6, 7]] * 2
-    assert sample({"latency": Range(kind="fixed", values=(0.1,))}, 3, rng(), JOINTS)["latency"].tolist() == [0.1] * 3
+    assert sample({"latency": Distribution(kind="fixed", values=(0.1,))}, 3, rng(), JOINTS)["latency"].tolist() == [0.1] * 3
 
 
 def test_only_one_value_is_drawn_where_low_is_high() -> None:
@@ -159,8 +176,8 @@ def test_a_bad_range_says_so_when_it_is_made_in_code_too() -> None:
 
 
 @pytest.mark.parametrize("values", [uniform(-1, 3), log_uniform(0.5, 2), one_of(4.0, 5.0, 6.0)])
-def test_filling_takes_one_value_out_of_each_equal_share(values: Range) -> None:
-    drawn = fill({"gain": values}, 6, rng(), JOINTS)["gain"]
+def test_filling_takes_one_value_out_of_each_equal_share(values: Distribution) -> None:
+    drawn = latin_hypercube({"gain": values}, 6, rng(), JOINTS)["gain"]
     assert drawn.shape == (6, 7)
     edges = values.quantile(np.arange(6) / 6)
     for joint in range(7):
@@ -172,9 +189,9 @@ def test_filling_takes_one_value_out_of_each_equal_share(values: Range) -> None:
 
 
 def test_fixed_values_fill_nothing() -> None:
-    tilt = Range(kind="fixed", values=(0.0, -0.1))
-    assert fill({"table_tilt": tilt}, 3, rng(), JOINTS)["table_tilt"].tolist() == [[0.0, -0.1]] * 3
-    assert fill({"latency": Range(kind="fixed", values=(0.05,))}, 3, rng(), JOINTS)["latency"].tolist() == [0.05] * 3
+    tilt = Distribution(kind="fixed", values=(0.0, -0.1))
+    assert latin_hypercube({"table_tilt": tilt}, 3, rng(), JOINTS)["table_tilt"].tolist() == [[0.0, -0.1]] * 3
+    assert latin_hypercube({"latency": fixed(0.05)}, 3, rng(), JOINTS)["latency"].tolist() == [0.05] * 3
 
 
 def test_quantiles_run_from_the_lowest_to_the_highest_value() -> None:

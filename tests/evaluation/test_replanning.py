@@ -40,14 +40,14 @@ def target(robot: Path | None = None, **parameters: float) -> ArmEnvironment:
     env = make(ReachTask(), 1, 1, delay=True, robot=target_robot(robot) if robot else None)
     assert isinstance(env, ArmEnvironment)
     if parameters:
-        env.perturb({name: np.array([value]) for name, value in parameters.items()}, np.random.default_rng(3))
+        env.randomize({name: np.array([value]) for name, value in parameters.items()}, np.random.default_rng(3))
         env.reset(FIRST, FIRST)
     return env
 
 
 def segment(env: ArmEnvironment, seed: int, steps: int = 10) -> tuple[Array, list[Array], list[Array]]:
     """A random segment: the sighting before it, what was applied, what was measured behind each step."""
-    begun, rng = env.look().state, np.random.default_rng(seed)
+    begun, rng = env.estimate_state().state, np.random.default_rng(seed)
     action, applied, measured = 0.5 * rng.uniform(-1, 1, (1, 7)), [], []
     for _ in range(steps):
         measured.append(env.step(action).observation[0, :7])
@@ -94,16 +94,18 @@ def test_an_arm_that_is_imagined_to_hang_stays_where_it_hangs() -> None:
     env, hangs = hanging()
     here = env.arms.gripper_position[0].copy()
     planner = make(ReachTask(), 3, 1)
-    planner.imagine(np.array([1, 2]), np.repeat(env.look().state, 2, axis=0), np.stack([hangs, 0 * hangs]))
+    planner.set_estimated_state(
+        np.array([1, 2]), np.repeat(env.estimate_state().state, 2, axis=0), np.stack([hangs, 0 * hangs])
+    )
     rows = planner.save(np.array([1]))
     for _ in range(20):
         planner.step(np.zeros((3, 7)))
-    told, untold = np.linalg.norm(planner.judged()[1:] - here, axis=1)
+    told, untold = np.linalg.norm(planner.achieved_goal()[1:] - here, axis=1)
     assert told < 0.002 and untold > 0.01, "an arm that carries its weight rises to its targets: every plan began with that"
     planner.restore(np.array([0]), rows)
     for _ in range(20):
         planner.step(np.zeros((3, 7)))
-    assert np.linalg.norm(planner.judged()[0] - here) < 0.002, "what pulls it down is part of the state"
+    assert np.linalg.norm(planner.achieved_goal()[0] - here) < 0.002, "what pulls it down is part of the state"
 
 
 @pytest.mark.parametrize("latency", [0.0, 0.05, 0.1])
@@ -138,7 +140,7 @@ def tipping(monkeypatch: pytest.MonkeyPatch, replanner: Replanner, when: object)
 def next_label(replanner: Replanner) -> str:
     env = make(PushTask(), 1, 1)
     waypoints = np.array([[0.7, 0.1, 0.0]])
-    return replanner.next(env.look(), waypoints, np.random.default_rng(0)).segment.label
+    return replanner.next(env.estimate_state(), waypoints, np.random.default_rng(0)).segment.label
 
 
 def test_what_tips_the_box_is_not_held_and_where_everything_does_something_is(monkeypatch: pytest.MonkeyPatch) -> None:

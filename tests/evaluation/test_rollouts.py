@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from skillcli.evaluation.rollouts import play, play_waypoints
+from skillcli.evaluation.rollouts import rollout, rollout_waypoints
 from skillcli.trajectories import Array, Trajectories
 
 
@@ -18,7 +18,7 @@ class Line:
 
     def __init__(self, targets: list[float], fails: dict[int, int] | None = None) -> None:
         self.num = len(targets)
-        self.target = np.array([[t, 0.0, 0.0] for t in targets])
+        self.desired_goal = np.array([[t, 0.0, 0.0] for t in targets])
         self.x = np.zeros(self.num)
         self.applied = np.zeros((self.num, 1))
         self.fails, self.taken = fails or {}, 0
@@ -27,14 +27,14 @@ class Line:
     def observe(self) -> Array:
         return self.x[:, None].astype(np.float32)
 
-    def judged(self) -> Array:
+    def achieved_goal(self) -> Array:
         return np.stack([self.x, 0 * self.x, 0 * self.x], axis=1)
 
     def violations(self) -> Array:
         return np.stack([self.x > 1.5, self.x < 0], axis=1)
 
     def snapshot(self) -> dict[str, Array]:
-        return {"gripper_position": self.judged()}
+        return {"gripper_position": self.achieved_goal()}
 
     def step(self, action: Array) -> Any:
         self.taken += 1
@@ -55,7 +55,7 @@ def held(*velocity: float, steps: int = 4) -> tuple[Array, Array]:
 def test_success_is_the_end_within_the_tolerance_without_any_failure() -> None:
     # arrives; passes and goes on; arrives but failed on the way; does not arrive
     env = Line([4.05, 2.0, 4.0, 4.2], fails={2: 2})
-    recording, _ = play(env, act, *held(1, 1, 1, 1))
+    recording, _ = rollout(env, act, *held(1, 1, 1, 1))
     assert recording.success.tolist() == [True, False, False, False]
     assert recording.length.tolist() == [4, 4, 2, 4]
 
@@ -64,29 +64,29 @@ def test_a_point_of_a_tasks_own_is_judged_where_it_is() -> None:
     """A box that is lifted: the usual judged point, the box in the plane of the table, would never leave it."""
 
     class Lift(Line):
-        def judged(self) -> Array:
+        def achieved_goal(self) -> Array:
             return np.stack([0 * self.x, 0 * self.x, self.x], axis=1)
 
         def snapshot(self) -> dict[str, Array]:
-            return {"object_pose": np.concatenate([self.judged(), np.tile([1.0, 0, 0, 0], (self.num, 1))], axis=1)}
+            return {"object_pose": np.concatenate([self.achieved_goal(), np.tile([1.0, 0, 0, 0], (self.num, 1))], axis=1)}
 
     env = Lift([0.0, 0.0])
-    env.target[1, 2] = 4.0
-    recording, _ = play(env, act, *held(1, 1))
+    env.desired_goal[1, 2] = 4.0
+    recording, _ = rollout(env, act, *held(1, 1))
     assert recording.success.tolist() == [False, True]
-    np.testing.assert_allclose(recording.judged[:, :, 2], [[0, 1, 2, 3, 4]] * 2)
-    usual, _ = play(Line([4.0]), act, *held(1))
+    np.testing.assert_allclose(recording.achieved_goal[:, :, 2], [[0, 1, 2, 3, 4]] * 2)
+    usual, _ = rollout(Line([4.0]), act, *held(1))
     assert usual.judged_position is None, "nothing new to say, nothing stored"
     joined = Trajectories.join([recording.select(slice(0, 1)), recording.padded(6)])
-    assert joined.judged_position is not None and joined.judged.shape == (3, 7, 3)
+    assert joined.judged_position is not None and joined.achieved_goal.shape == (3, 7, 3)
 
 
 def test_a_simulation_that_comes_apart_is_told_from_one_that_fails() -> None:
     env = Line([4.0, 4.0, 4.0], fails={0: 2, 1: 3})
     env.unstable[1] = True
-    recording, _ = play(env, act, *held(1, 1, 1))
+    recording, _ = rollout(env, act, *held(1, 1, 1))
     assert recording.stable.tolist() == [True, False, True] and recording.success.tolist() == [False, False, True]
-    assert play(Line([4.0], fails={0: 1}), act, *held(1))[0].unstable is None
+    assert rollout(Line([4.0], fails={0: 1}), act, *held(1))[0].unstable is None
 
 
 def test_only_the_first_failure_ends_an_episode() -> None:
@@ -98,11 +98,11 @@ def test_only_the_first_failure_ends_an_episode() -> None:
         return SimpleNamespace(**{**vars(step), "terminated": np.array([env.taken >= 2])})
 
     env.step = failing  # type: ignore[method-assign]
-    assert play(env, act, *held(1))[0].length.tolist() == [2]
+    assert rollout(env, act, *held(1))[0].length.tolist() == [2]
 
 
 def test_a_recording_holds_every_step_on_one_clock() -> None:
-    recording, observation = play(Line([4.0, 0.0]), act, *held(1, 0.5))
+    recording, observation = rollout(Line([4.0, 0.0]), act, *held(1, 0.5))
     assert recording.time.tolist() == [0, 0.5, 1, 1.5, 2]
     assert recording.gripper_position is not None
     assert recording.gripper_position[1, :, 0].tolist() == [0, 0.5, 1, 1.5, 2]
@@ -112,28 +112,28 @@ def test_a_recording_holds_every_step_on_one_clock() -> None:
 
 def test_latents_may_change_along_the_way() -> None:
     latent = np.array([[[1.0], [1.0], [-1.0], [0.0]]])
-    recording, _ = play(Line([1.0]), act, latent, np.array([[0, 0, 1, -1]]))
+    recording, _ = rollout(Line([1.0]), act, latent, np.array([[0, 0, 1, -1]]))
     assert recording.success.tolist() == [True] and recording.skill.tolist() == [[0, 0, 1, -1]]
 
 
 def test_waypoints_must_be_met_in_order_and_the_last_one_held() -> None:
-    def judged(path: list[float], *waypoints: float) -> bool:
+    def achieved_goal(path: list[float], *waypoints: float) -> bool:
         velocity = np.diff([0.0, *path])[None, :, None]
         line = np.array([[x, 0.0, 0.0] for x in waypoints])
-        recording = play_waypoints(Line([99.0]), act, velocity, np.zeros((1, len(path)), dtype=int), [line])
+        recording = rollout_waypoints(Line([99.0]), act, velocity, np.zeros((1, len(path)), dtype=int), [line])
         np.testing.assert_array_equal(recording.target, line[-1:])
         return bool(recording.success[0])
 
-    assert judged([1, 2, 1], 2, 1)
-    assert judged([1, 2, 3], 1, 2, 3)
-    assert not judged([1, 2, 3], 2, 1), "the second was passed before the first"
-    assert not judged([2, 1, 3], 2, 1), "met, and left again"
-    assert not judged([1, 3], 2, 3), "the first was missed"
+    assert achieved_goal([1, 2, 1], 2, 1)
+    assert achieved_goal([1, 2, 3], 1, 2, 3)
+    assert not achieved_goal([1, 2, 3], 2, 1), "the second was passed before the first"
+    assert not achieved_goal([2, 1, 3], 2, 1), "met, and left again"
+    assert not achieved_goal([1, 3], 2, 3), "the first was missed"
 
 
 def test_a_failed_episode_keeps_its_last_state_and_earns_nothing_more() -> None:
     env = Line([9.0, 9.0], fails={1: 2})
-    recording, _ = play(env, lambda _, latent: latent, np.ones((2, 4, 1)), np.zeros((2, 4), dtype=int))
+    recording, _ = rollout(env, lambda _, latent: latent, np.ones((2, 4, 1)), np.zeros((2, 4), dtype=int))
     assert recording.gripper_position is not None
     assert recording.gripper_position[:, :, 0].tolist() == [[0, 1, 2, 3, 4], [0, 1, 1, 1, 1]]
     assert recording.reward.tolist() == [[-1, -2, -3, -4], [-1, -2, 0, 0]]
@@ -143,7 +143,7 @@ def test_a_failed_episode_keeps_its_last_state_and_earns_nothing_more() -> None:
 
 def test_an_episode_that_gets_fewer_steps_rests_in_its_own_last_state_while_the_simulation_runs_on() -> None:
     env = Line([2.0, 2.0, 4.0])
-    recording, observation = play(env, act, *held(1, 1, 1), np.array([2, 4, 4]))
+    recording, observation = rollout(env, act, *held(1, 1, 1), np.array([2, 4, 4]))
     assert recording.length.tolist() == [2, 4, 4]
     assert recording.success.tolist() == [True, False, True], "each at its own end"
     assert recording.gripper_position is not None
@@ -154,7 +154,7 @@ def test_an_episode_that_gets_fewer_steps_rests_in_its_own_last_state_while_the_
 
 def test_a_failure_behind_an_episodes_own_end_does_not_count() -> None:
     steps = np.array([2, 3])
-    recording, _ = play(Line([2.0, 3.0], fails={0: 3, 1: 3}), act, *held(1, 1), steps)
+    recording, _ = rollout(Line([2.0, 3.0], fails={0: 3, 1: 3}), act, *held(1, 1), steps)
     assert recording.success.tolist() == [True, False]
     assert recording.length.tolist() == [2, 3] and steps.tolist() == [2, 3], "what was asked is left alone"
 
@@ -164,14 +164,14 @@ def test_each_simulation_has_its_own_waypoints_and_its_own_end() -> None:
         return np.array([[each, 0.0, 0.0] for each in x])
 
     env, steps = Line([0.0, 0.0, 0.0]), np.array([2, 4, 2])
-    recording = play_waypoints(env, act, *held(1, 1, 1), [on(1, 2), on(1, 3, 4), on(3)], steps)
+    recording = rollout_waypoints(env, act, *held(1, 1, 1), [on(1, 2), on(1, 3, 4), on(3)], steps)
     np.testing.assert_array_equal(recording.target[:, 0], [2, 4, 3])
     assert recording.success.tolist() == [True, True, False], "the third is passed only behind the end"
 
 
 def test_steps_beyond_a_limit_are_counted_while_an_episode_runs() -> None:
     """At one metre a step, step 2 and every later one ends beyond 1.5 m; the second episode has only three of them."""
-    recording, _ = play(Line([4.0, 4.0, 0.0]), act, *held(1, 1, -1), np.array([4, 3, 4]))
+    recording, _ = rollout(Line([4.0, 4.0, 0.0]), act, *held(1, 1, -1), np.array([4, 3, 4]))
     assert recording.violations is not None
     assert recording.violations.tolist() == [[3, 0], [2, 0], [0, 4]]
     assert recording.select([1]).violations.tolist() == [[2, 0]]  # type: ignore[union-attr]

@@ -12,8 +12,8 @@ from command import made, skill
 from worlds import JOINTS, SAWYER, make, world
 
 from skillcli.config.randomization import PARAMETERS
-from skillcli.evaluation.replanning import Replanner, _Mission
-from skillcli.evaluation.sampled_robots import Robots
+from skillcli.evaluation.replanning import ReplannedEpisode, Replanner
+from skillcli.evaluation.sampled_robots import SampledRobots
 from skillcli.recipe import Compose, resolve
 from skillcli.simulation.domains import find_domain
 from skillcli.store import Artifact, ArtifactId, Store
@@ -24,7 +24,7 @@ QUICK = ("--set", "search.budget=3", "--set", "mpc.samples=4", "--set", "mpc.eli
 
 
 def test_the_first_robot_of_an_ensemble_is_the_nominal_one_and_the_others_fill_the_domain() -> None:
-    robots = Robots.ensemble("real-like", 9, 0, JOINTS)
+    robots = SampledRobots.ensemble("real-like", 9, 0, JOINTS)
     ranges = find_domain("real-like").parameters
     assert robots.count == 9 and set(robots.parameters) == set(ranges)
     for name, values in robots.parameters.items():
@@ -33,18 +33,18 @@ def test_the_first_robot_of_an_ensemble_is_the_nominal_one_and_the_others_fill_t
 
 
 def test_what_a_composition_asks_for() -> None:
-    assert Robots.of(Compose(), "", 0, JOINTS) == Robots()
-    assert Robots.of(Compose(ensemble=3), "", 0, JOINTS).count == 3
-    on = Robots.of(Compose(ensemble=3), "real-like", 0, JOINTS)
+    assert SampledRobots.of(Compose(), "", 0, JOINTS) == SampledRobots()
+    assert SampledRobots.of(Compose(ensemble=3), "", 0, JOINTS).count == 3
+    on = SampledRobots.of(Compose(ensemble=3), "real-like", 0, JOINTS)
     assert on.count == 1 and on.parameters["gain"].shape == (1, 7), "who plans on the target plans for no other robot"
 
 
 def test_simulation_i_is_robot_i_modulo_their_number() -> None:
-    robots = Robots.ensemble("real-like", 3, 1, JOINTS)
+    robots = SampledRobots.ensemble("real-like", 3, 1, JOINTS)
     env = robots.simulations(world(ReachTask()), 2)
     start = env.save(np.arange(6))
     env.step(np.full((6, 7), 0.5))
-    moved = env.judged()
+    moved = env.achieved_goal()
     np.testing.assert_array_equal(moved[:3], moved[3:])
     assert len(np.unique(np.round(moved[:3], 9), axis=0)) == 3 and len(start) == 6
 
@@ -70,7 +70,7 @@ def test_a_plan_for_several_robots_keeps_them_and_counts_the_time_of_all(chain: 
 def test_a_plan_on_the_target_is_executed_there(chain: Path, tmp_path: Path) -> None:
     _, found, artifact = compose_on(chain, tmp_path, "--on", "real-like", "--seed", "2")
     assert found["on"] == "real-like" and found["robots"] == 1 and artifact.seed == 2
-    drawn = Robots.drawn("real-like", 2, JOINTS)
+    drawn = SampledRobots.drawn("real-like", 2, JOINTS)
     for name, values in drawn.parameters.items():
         np.testing.assert_array_equal(artifact.arrays[f"robots/{name}"], values)
     start = artifact.arrays["trajectories/joint_position"][0, 0]
@@ -148,17 +148,17 @@ def test_replanning_arrives_although_the_robot_starts_elsewhere(push: float) -> 
     recipe = resolve({"name": "r", "task": {"name": "reach"}, "search": {"segments": [0.1, 0.4], "weight": 4.0}})
     replanner = Replanner(Perfect(), recipe, "search")  # type: ignore[arg-type]
     target = make(recipe.task, 1)
-    target.perturb({"start_offset": np.array([[push, 0, 0, 0, 0, 0, 0]])}, np.random.default_rng(0))
+    target.randomize({"start_offset": np.array([[push, 0, 0, 0, 0, 0, 0]])}, np.random.default_rng(0))
     target.reset(np.array([0]), np.array([0]))
     waypoints = np.array([[0.6, 0.2, 0.25], [0.6, 0.0, 0.25]])
     episode = replanner.episode(target, waypoints, 120, seed=0)
     assert episode.success[0] and episode.length[0] < 120, "it stops where it arrives"
-    assert np.linalg.norm(episode.judged[0, -1] - waypoints[-1]) < 0.025
+    assert np.linalg.norm(episode.achieved_goal[0, -1] - waypoints[-1]) < 0.025
     assert replanner.effort.plans >= 4 and replanner.effort.seconds > 0
 
 
 def test_after_half_of_the_time_what_the_judge_takes_is_near_enough(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_Mission, "_hopeless", lambda _: False)  # however sure a plan is to end nearer
+    monkeypatch.setattr(ReplannedEpisode, "_hopeless", lambda _: False)  # however sure a plan is to end nearer
     near = {"segments": [0.1], "weight": 4.0, "goal_tolerance": 1e-6}  # m: no two of these actions lead there
     recipe = resolve({"name": "r", "task": {"name": "reach"}, "search": near, "transfer": {"replan_budget": 4}})
     target = make(recipe.task, 1)

@@ -19,11 +19,11 @@ from skillcli import metrics
 from skillcli.cli import tables
 from skillcli.config.randomization import MANNERS
 from skillcli.errors import UsageError
+from skillcli.evaluation.episode_schedule import EpisodeSchedule
 from skillcli.evaluation.inputs import transfer_eval_inputs
 from skillcli.evaluation.library import Library, open_library
-from skillcli.evaluation.script import Script
+from skillcli.evaluation.transfer_evaluator import NOMINAL, TargetRobots, TransferEvaluator
 from skillcli.evaluation.transfer_report import broken, most_harmful_first, one_at_a_time, outcome, worst
-from skillcli.evaluation.trial import NOMINAL, Target, Trial
 from skillcli.progress import Progress
 from skillcli.recipe import resolve
 from skillcli.simulation.domains import find_domain, find_domains
@@ -101,7 +101,7 @@ def test_whatever_is_judged_meets_the_same_robots(copy: Store) -> None:
     for name, values in again.group("domains/real-like").items():
         np.testing.assert_array_equal(values, drawn[name], err_msg=name)
     np.testing.assert_allclose(  # the start alone shows that they were used
-        recording(again).judged[:3, 0], recording(blind).judged[:, 0], atol=1e-6
+        recording(again).achieved_goal[:3, 0], recording(blind).achieved_goal[:, 0], atol=1e-6
     )
     error = blind.arrays["episodes/replay_error"]
     np.testing.assert_allclose(again.arrays["episodes/replay_error"][:3], error), "the source's commands in both"
@@ -147,7 +147,7 @@ def test_a_broken_limit_is_counted_and_takes_nothing_from_success() -> None:
 
 
 def test_the_worst_episodes_come_farthest_first_with_what_was_drawn() -> None:
-    target = Target("mild", {"latency": np.arange(7) / 100, "gain": np.ones((7, 7))})
+    target = TargetRobots("mild", {"latency": np.arange(7) / 100, "gain": np.ones((7, 7))})
     found = worst(target, ended(0.1, 0.5, 0.2, 0.5, 0.0, 0.01, 0.3), first=10)
     assert [each.episode for each in found] == [11, 13, 16, 12, 10]
     assert found[0].parameters == {"latency": 0.01} and found[0].final_distance_m == pytest.approx(0.5)
@@ -155,10 +155,10 @@ def test_the_worst_episodes_come_farthest_first_with_what_was_drawn() -> None:
 
 def test_commands_sent_blindly_end_in_the_source_where_they_did_and_elsewhere_on_weak_servos(library: Library) -> None:
     artifact = library.source
-    source = Trial(library, 0, library.world).run(Script.of(artifact, library), NOMINAL)
-    trial = Trial(library, 0, library.world)
+    source = TransferEvaluator(library, 0, library.world).run(EpisodeSchedule.of(artifact, library), NOMINAL)
+    trial = TransferEvaluator(library, 0, library.world)
     assert trial.replay(source, NOMINAL, 11) == pytest.approx(np.zeros(11), abs=1e-5)
-    weak = trial.replay(source, Target("weak", {"gain": np.full((11, 7), 0.3)}), 11)
+    weak = trial.replay(source, TargetRobots("weak", {"gain": np.full((11, 7), 0.3)}), 11)
     assert (weak > 1e-3).any() and weak[8:] == pytest.approx(weak[:3], abs=1e-5), "skills in turn"
 
 
@@ -167,7 +167,7 @@ def test_commands_sent_blindly_end_in_the_source_where_they_did_and_elsewhere_on
 
 def test_one_parameter_alone_keeps_its_values_and_what_says_how_it_acts() -> None:
     drawn = {name: np.full(3, 0.5) for name in ("latency", "joint_drift", "drift_time", "push_rate", "arm_push")}
-    alone = one_at_a_time(Target("all", drawn))
+    alone = one_at_a_time(TargetRobots("all", drawn))
     assert {name: set(target.parameters) for name, target in alone.items()} == {
         "latency": {"latency"}, "joint_drift": {"joint_drift", "drift_time"}, "arm_push": {"arm_push", "push_rate"},
     }  # fmt: skip
@@ -176,7 +176,7 @@ def test_one_parameter_alone_keeps_its_values_and_what_says_how_it_acts() -> Non
 
 
 def test_what_hurts_most_comes_first() -> None:
-    varied = Target("mild", {"gain": np.ones((3, 7))})
+    varied = TargetRobots("mild", {"gain": np.ones((3, 7))})
     found = {"a": ended(0, 0, 0.1), "b": ended(0, 0.2, 0.3), "c": ended(0, 0.01, 0.1)}
     rows = most_harmful_first({name: (varied, path) for name, path in found.items()})
     assert [row.parameter for row in rows] == ["b", "c", "a"], "of two with equal successes the larger median distance"
@@ -204,7 +204,7 @@ def test_episodes_run_on_another_robot_and_the_source_stays(copy: Store, setting
     own, other = moved(copy, ["mild"], *settings), moved(copy, ["mild"], *settings, robot=robot)
     assert other.results["robot"]["file"] == "servo.toml" and other.results["robot"]["fingerprint"] == robot.fingerprint
     assert other.results["source"] == own.results["source"], "planned and judged on our own model"
-    assert np.abs(recording(own).judged[:, 1] - recording(other).judged[:, 1]).max() > 1e-4
+    assert np.abs(recording(own).achieved_goal[:, 1] - recording(other).achieved_goal[:, 1]).max() > 1e-4
     drawn = own.group("domains/mild")
     for name, values in other.group("domains/mild").items():
         np.testing.assert_array_equal(values, drawn[name], err_msg=name)
@@ -260,7 +260,7 @@ def test_distances_are_of_the_episodes_that_did_not_come_apart() -> None:
     path = replace(ended(0.1, 31.6, 0.3), unstable=np.array([False, True, False]))
     found = outcome(path, repeats=False)
     assert (found.unstable, found.episodes) == (1, 3) and found.final_distance_m.mean == pytest.approx(0.2)
-    assert [each.episode for each in worst(Target("mild", {}), path, 0)] == [1, 2, 0]
+    assert [each.episode for each in worst(TargetRobots("mild", {}), path, 0)] == [1, 2, 0]
     joined = Trajectories.join([ended(0.1), path])
     assert joined.stable.tolist() == [True, True, False, True]
 

@@ -274,12 +274,12 @@ def test_the_pool_is_a_ring_of_the_latest_states() -> None:
 def test_chained_episodes_begin_where_earlier_ones_passed() -> None:
     env, rng, pool = make(PointTask(), 400), np.random.default_rng(0), StartPool(10)
     start_episodes(env, pool, 0.7, rng)
-    assert (env.judged() == 0).all(), "nothing has passed anywhere yet"
+    assert (env.achieved_goal() == 0).all(), "nothing has passed anywhere yet"
     pool.add(np.array([[1.0, 2.0]]))
     skills = start_episodes(env, pool, 0.7, rng)
-    passed = (env.judged()[:, :2] == [1, 2]).all(axis=1)
+    passed = (env.achieved_goal()[:, :2] == [1, 2]).all(axis=1)
     assert float(passed.mean()) == pytest.approx(0.7, abs=0.06)
-    np.testing.assert_array_equal(env.target, env.goals[skills])
+    np.testing.assert_array_equal(env.desired_goal, env.goals[skills])
     assert np.bincount(skills).tolist() == [100] * 4
 
 
@@ -292,9 +292,9 @@ class Perturbed(PointEnvironment):
         self.given: list[dict[str, Array]] = []
         super().__init__(task, SAWYER, skill_goals(task), num)
 
-    def perturb(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
+    def randomize(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
         self.given.append({name: values.copy() for name, values in parameters.items()})
-        super().perturb(parameters, rng)
+        super().randomize(parameters, rng)
 
     def privileged(self) -> Array:
         return self._step_limit.astype(np.float32)

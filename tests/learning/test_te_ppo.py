@@ -9,7 +9,7 @@ import torch
 from skillcli.learning import gaussian
 from skillcli.learning.ppo_update import adapted_learning_rate, approximate_kl, surrogate_loss
 from skillcli.learning.settings import Training
-from skillcli.learning.te_ppo import augmented_reward, settled_kl, settled_std
+from skillcli.learning.te_ppo import annealed_kl, annealed_std, augmented_reward
 
 # ratio, advantage, what the objective counts with a clip of 0.2, whether it still pulls
 SURROGATE = [
@@ -76,13 +76,13 @@ def test_the_step_size_follows_the_kl_divergence_within_bounds(rate: float, kl: 
     [(0.0, 0.0, 0.01), (0.0, 0.5, 0.005), (0.0, 1.0, 0.0005), (0.6, 0.6, 0.01), (0.6, 0.8, 0.005), (0.6, 1.0, 0.0005)],
 )
 def test_the_target_kl_shrinks_towards_the_end(settle_from: float, progress: float, expected: float) -> None:
-    assert settled_kl(0.01, settle_from, progress) == pytest.approx(expected)
+    assert annealed_kl(0.01, settle_from, progress) == pytest.approx(expected)
 
 
 def test_exploration_comes_down_by_the_same_factor_each_time() -> None:
-    assert [settled_std(0.01, 0.5, progress) for progress in (0.0, 0.5, 0.75, 1.0)] == pytest.approx([1, 1, 0.1, 0.01])
-    assert settled_std(1.0, 0.5, 1.0) == 1
+    assert [annealed_std(0.01, 0.5, progress) for progress in (0.0, 0.5, 0.75, 1.0)] == pytest.approx([1, 1, 0.1, 0.01])
+    assert annealed_std(1.0, 0.5, 1.0) == 1
 
 
 def test_the_target_kl_need_not_shrink_at_all() -> None:
-    assert [settled_kl(0.01, 1.0, progress) for progress in (0.0, 0.5, 0.999)] == [0.01] * 3
+    assert [annealed_kl(0.01, 1.0, progress) for progress in (0.0, 0.5, 0.999)] == [0.01] * 3

@@ -1,4 +1,4 @@
-"""Arms that skills are trained on: read from a file, of any number of joints from four to eight."""
+"""ArmBatch that skills are trained on: read from a file, of any number of joints from four to eight."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_tasks_have_the_sizes_of_the_arm(six: Path, task: str) -> None:
     env = world.make(2, 1, delay=True)
     assert (env.action_size, env.joints, env.observation_size) == (6, 6, 9) and world.sizes[:2] == (9, 6)
     gain = np.full((2, 6), 1.2)
-    env.perturb({"gain": gain, "joint_noise": np.full(2, 0.01), "latency": np.full(2, 0.05)}, np.random.default_rng(0))
+    env.randomize({"gain": gain, "joint_noise": np.full(2, 0.01), "latency": np.full(2, 0.05)}, np.random.default_rng(0))
     env.reset(np.arange(2), np.zeros(2, dtype=np.int64))
     for action in np.random.default_rng(1).uniform(-1, 1, (4, 2, 6)):
         step = env.step(action)

@@ -30,7 +30,7 @@ def test_without_jitter_or_knocks_nothing_is_drawn() -> None:
 def test_a_late_command_leaves_the_old_one_in_force_until_then() -> None:
     """By hand: three physics steps of the old command, seven of the new one; and none of it for one ten steps late."""
     env, hand = reach_env(ReachTask(), 3), reach_env(ReachTask(), 1)
-    env.arms.move(np.full((3, 7), 0.04), np.array([0, 3, 10]))
+    env.arms.step(np.full((3, 7), 0.04), np.array([0, 3, 10]))
     old = hand.arms.batch.bind("ctrl").copy()
     hand.arms.batch.step(nstep=3)
     hand.arms.batch.bind("ctrl")[:] = old + 0.04
@@ -42,7 +42,7 @@ def test_a_late_command_leaves_the_old_one_in_force_until_then() -> None:
 
 def test_no_command_is_lost() -> None:
     env = reach_env(ReachTask(), 2)
-    env.perturb({"control_jitter": np.array([0.0, 0.05])}, np.random.default_rng(0))
+    env.randomize({"control_jitter": np.array([0.0, 0.05])}, np.random.default_rng(0))
     env.reset(np.arange(2), np.zeros(2, dtype=np.int64))
     action = np.concatenate([np.ones((5, 2, 7)), np.zeros((15, 2, 7))])
     for row in action:
@@ -67,21 +67,21 @@ def test_knocks_come_as_often_as_stated_with_the_stated_impulse() -> None:
 def test_a_knock_gives_the_box_its_momentum_and_ends() -> None:
     """5 N for 50 ms on 0.3 kg are 0.83 m/s, but for a little friction: 0.006 of its weight."""
     env = push_env(PushTask(), 2)
-    env.perturb({"contact_friction": np.full(2, 0.01)}, np.random.default_rng(0))
+    env.randomize({"contact_friction": np.full(2, 0.01)}, np.random.default_rng(0))
     env.reset(np.arange(2), np.zeros(2, dtype=np.int64))
-    env.arms.knock(np.zeros((2, 3)), np.array([[0, 0, 0], [0.0, 5.0, 0]]))
-    env.arms.move(np.zeros((2, 7)))
+    env.arms.apply_external_force(np.zeros((2, 3)), np.array([[0, 0, 0], [0.0, 5.0, 0]]))
+    env.arms.step(np.zeros((2, 7)))
     env.arms.release()
     assert env.arms.object_velocity[:, 1].tolist() == pytest.approx([0, 5 * 0.05 / 0.3], rel=0.03, abs=1e-3)
     before = env.arms.object_velocity[1, 1]
-    env.arms.move(np.zeros((2, 7)))
+    env.arms.step(np.zeros((2, 7)))
     assert env.arms.object_velocity[1, 1] == pytest.approx(before, rel=0.02)
 
 
 def test_a_saved_state_holds_no_knock() -> None:
     env = push_env(PushTask(), 1)
     parameters = {"push_rate": np.array([20.0]), "arm_push": np.array([5.0])}
-    env.perturb(parameters, np.random.default_rng(0))
+    env.randomize(parameters, np.random.default_rng(0))
     for _ in range(5):
         env.step(np.zeros((1, 7)))
     assert (env.arms.batch.bind("xfrc_applied") == 0).all()

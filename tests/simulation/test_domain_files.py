@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from ranges import log_uniform, one_of, uniform
 
-from skillcli.config.randomization import NEUTRAL, PARAMETERS, Range
+from skillcli.config.randomization import IDENTITY, PARAMETERS, Distribution
 from skillcli.errors import UsageError
 from skillcli.simulation.domains import PRESETS, find_domain
 
@@ -37,7 +37,7 @@ def test_a_file_is_a_preset_with_changes(tmp_path: Path) -> None:
     base = find_domain("real-like").parameters
     assert domain.parameters.keys() == base.keys() | {"joint_offset"}
     assert domain.parameters["contact_friction"] == log_uniform(0.3, 0.6)
-    assert domain.parameters["joint_offset"] == Range(kind="fixed", values=(0.01, 0, 0, 0, 0, 0, 0))
+    assert domain.parameters["joint_offset"] == Distribution(kind="fixed", values=(0.01, 0, 0, 0, 0, 0, 0))
     assert domain.parameters["latency"] == one_of(0) and domain.parameters["gain"] == base["gain"]
     assert base["latency"] == one_of(0, 0.05), "the preset itself stays"
 
@@ -117,7 +117,7 @@ def test_every_shipped_file_is_listed_and_says_what_it_is() -> None:
         domain = find_domain(name)
         assert domain.name == name and len(domain.description) > 20
         for parameter, values in domain.parameters.items():
-            assert set(values.values) != {NEUTRAL[parameter]}, "what is named differs"
+            assert set(values.values) != {IDENTITY[parameter]}, "what is named differs"
 
 
 def test_what_results_were_compared_on_stays_at_least_as_hard() -> None:

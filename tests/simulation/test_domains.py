@@ -47,7 +47,7 @@ def test_an_unknown_domain_names_those_there_are() -> None:
 def test_the_nominal_domain_changes_nothing_bit_for_bit(kind: Any) -> None:
     task = TASK if kind is reach_env else PUSH
     plain, nominal = kind(task, 3), kind(task, 3)
-    nominal.perturb(sample(find_domain("nominal").parameters, 3, rng(), JOINTS), rng())
+    nominal.randomize(sample(find_domain("nominal").parameters, 3, rng(), JOINTS), rng())
     nominal.reset(np.arange(3), np.zeros(3, dtype=np.int64))
     for action in rng().uniform(-1, 1, (8, 3, 7)):
         np.testing.assert_array_equal(plain.step(action).observation, nominal.step(action).observation)
@@ -94,12 +94,12 @@ def test_a_parameter_changes_its_field_in_its_own_simulation_only(
 ) -> None:
     env = kind(TASK if kind is reach_env else PUSH, 3, delay=True)
     if which == "box" and not has_box(env.arms.model):
-        env.perturb({parameter: np.full(3, 1.5)}, rng())  # has no meaning, and does no harm
+        env.randomize({parameter: np.full(3, 1.5)}, rng())  # has no meaning, and does no harm
         return
     neutral, changed = (1.0, 1.5) if how == "factor" else (0.0, 0.02)
     values = np.full((3, 7) if PARAMETERS[parameter].size == PER_JOINT else 3, neutral)
     values[1] = changed
-    env.perturb({parameter: values}, rng())
+    env.randomize({parameter: values}, rng())
     base = getattr(env.arms.model, field)
     expected = base.copy()
     where = entries(env.arms.model, which, field)
@@ -112,7 +112,7 @@ def test_a_parameter_changes_its_field_in_its_own_simulation_only(
 def reply(latency: float, task: ReachTask = TASK) -> Array:
     """Joint 6 after each of 8 control steps when it is sent off at once, rad."""
     env = reach_env(task, 2, delay=True)
-    env.perturb({"latency": np.array([0.0, latency])}, rng())
+    env.randomize({"latency": np.array([0.0, latency])}, rng())
     env.reset(np.arange(2), np.zeros(2, dtype=np.int64))
     angles = [env.arms.joint_position[:, 6]]
     for _ in range(8):
@@ -148,11 +148,11 @@ def test_commands_are_remembered_for_the_longest_latency_there_may_be() -> None:
 
 def test_a_weaker_compensation_lets_the_arm_sag() -> None:
     env = reach_env(TASK, 2)
-    env.perturb({"gravity_compensation": np.array([1.0, 0.8])}, rng())
+    env.randomize({"gravity_compensation": np.array([1.0, 0.8])}, rng())
     env.reset(np.arange(2), np.zeros(2, dtype=np.int64))
     for _ in range(20):
         env.step(np.zeros((2, 7)))
-    held, sagging = env.judged()[:, 2]
+    held, sagging = env.achieved_goal()[:, 2]
     assert held > sagging + 2e-3
 
 
@@ -160,7 +160,7 @@ def test_the_start_is_offset_in_its_own_simulation() -> None:
     env = reach_env(TASK, 2)
     offset = np.zeros((2, 7))
     offset[1] = 0.02
-    env.perturb({"start_offset": offset}, rng())
+    env.randomize({"start_offset": offset}, rng())
     env.reset(np.arange(2), np.zeros(2, dtype=np.int64))
     np.testing.assert_allclose(env.arms.joint_position - np.array(SAWYER.start("reach")), offset, atol=1e-12)
 
@@ -169,33 +169,33 @@ def test_sensor_noise_has_its_stated_size_and_leaves_the_robot_alone() -> None:
     env = reach_env(TASK, 400)
     quiet = np.arange(400) < 200
     noise = {"joint_noise": np.where(quiet, 0.0, 0.005), "position_noise": np.where(quiet, 0.0, 0.003)}
-    before = env.judged()
-    env.perturb(noise, rng())
+    before = env.achieved_goal()
+    env.randomize(noise, rng())
     env.reset(np.arange(400), np.zeros(400, dtype=np.int64))
     seen = np.stack([env.observe() for _ in range(10)]).astype(float)
-    error = seen - np.concatenate([env.arms.joint_position, env.judged()], axis=1)
+    error = seen - np.concatenate([env.arms.joint_position, env.achieved_goal()], axis=1)
     assert np.abs(error[:, quiet]).max() < 1e-6
     assert error[:, ~quiet, :7].std() == pytest.approx(0.005, rel=0.03)
     assert error[:, ~quiet, 7:].std() == pytest.approx(0.003, rel=0.03)
     assert abs(error[:, ~quiet].mean()) < 1e-4
-    np.testing.assert_array_equal(env.judged(), before)
+    np.testing.assert_array_equal(env.achieved_goal(), before)
 
 
 def test_the_point_knows_gain_and_position_noise() -> None:
     env = point_env(PointTask(), 400)
     gain = np.ones((400, 7))
     gain[200:] = 0.5
-    env.perturb({"gain": gain, "position_noise": np.full(400, 0.01), "latency": np.zeros(400)}, rng())
+    env.randomize({"gain": gain, "position_noise": np.full(400, 0.01), "latency": np.zeros(400)}, rng())
     step = env.step(np.ones((400, 2)))
-    np.testing.assert_allclose(env.judged()[:, 0], np.repeat([0.1, 0.05], 200))
-    assert (step.observation - env.judged()[:, :2]).std() == pytest.approx(0.01, rel=0.1)
+    np.testing.assert_allclose(env.achieved_goal()[:, 0], np.repeat([0.1, 0.05], 200))
+    assert (step.observation - env.achieved_goal()[:, :2]).std() == pytest.approx(0.01, rel=0.1)
 
 
 def test_a_slippery_table_changes_what_dragging_the_finger_does() -> None:
     paths = []
     for factor in (0.4, 1.4):
         env = reach_env(ReachTask(), 1)
-        env.perturb({"contact_friction": np.array([factor])}, np.random.default_rng(0))
+        env.randomize({"contact_friction": np.array([factor])}, np.random.default_rng(0))
         env.reset(np.array([0]), np.array([0]))
         path = []
         for step in range(60):  # down onto the table, then along it

@@ -56,9 +56,9 @@ def motion(steps: list[Step]) -> Array:
 
 def test_the_box_is_touched_in_what_follows() -> None:
     env = fresh(TASKS["push"], 7)
-    start = env.judged()
+    start = env.achieved_goal()
     drive(env, random_actions(env, STEPS))
-    assert (np.linalg.norm(env.judged() - start, axis=1) > 1e-3).sum() >= 3
+    assert (np.linalg.norm(env.achieved_goal() - start, axis=1) > 1e-3).sum() >= 3
 
 
 @pytest.mark.parametrize("threads", [1, 2])
@@ -74,7 +74,7 @@ def test_a_simulation_depends_neither_on_its_slot_nor_on_its_neighbours(task: Ta
     slot = len(crowd.goals)  # on the first skill, like the lonely one
     actions = random_actions(crowd, STEPS)
     if slot >= crowd.num:
-        slot, alone.target[:] = 6, crowd.target[6]
+        slot, alone.desired_goal[:] = 6, crowd.desired_goal[6]
     together, single = drive(crowd, actions), drive(alone, actions[:, [slot]])
     np.testing.assert_array_equal(motion(together)[:, slot], motion(single)[:, 0])
 
@@ -82,7 +82,7 @@ def test_a_simulation_depends_neither_on_its_slot_nor_on_its_neighbours(task: Ta
 def test_saved_states_have_the_same_future_in_any_slot_of_any_batch(task: Task) -> None:
     env, other = fresh(task, 3), fresh(task, 5)
     drive(env, random_actions(env, STEPS))
-    rows, seen, places = env.save(np.arange(3)), env.observe(), env.landmarks()
+    rows, seen, places = env.save(np.arange(3)), env.observe(), env.keypoints()
     future = random_actions(env, STEPS, seed=1)
     expected = motion(drive(env, future))[..., :-1]  # the reward follows the slot's goal
     end = env.save(np.arange(3))
@@ -91,7 +91,7 @@ def test_saved_states_have_the_same_future_in_any_slot_of_any_batch(task: Task) 
     drive(other, random_actions(other, 3, seed=2))
     other.restore(slots, rows[order])
     np.testing.assert_array_equal(other.observe()[slots], seen[order])
-    np.testing.assert_array_equal(other.landmarks()[slots], places[order])
+    np.testing.assert_array_equal(other.keypoints()[slots], places[order])
     actions = random_actions(other, STEPS, seed=3)
     actions[:, slots] = future[:, order]
     np.testing.assert_array_equal(motion(drive(other, actions))[:, slots, :-1], expected[:, order])
@@ -110,9 +110,9 @@ def test_an_episode_begun_from_a_saved_state_has_its_clock_at_zero(task: Task) -
     env = fresh(task, 2)
     drive(env, random_actions(env, 5))
     rows = env.save(np.array([0]))
-    env.begin(np.array([1]), rows, np.array([2]))
+    env.reset_to_state(np.array([1]), rows, np.array([2]))
     np.testing.assert_array_equal(env.save(np.array([1])), rows)
-    np.testing.assert_array_equal(env.target[1], env.goals[2])
+    np.testing.assert_array_equal(env.desired_goal[1], env.goals[2])
     ends = np.stack([step.truncated for step in drive(env, random_actions(env, env.horizon))])
     assert ends.argmax(axis=0).tolist() == [env.horizon - 6, env.horizon - 1]
 
@@ -129,7 +129,7 @@ def test_what_is_returned_shares_no_memory_with_the_simulation(task: Task) -> No
     actions = random_actions(env, 4)
 
     def given(step: Step) -> list[Array]:
-        places = [env.judged(), env.landmarks(), env.save(np.arange(3)), *env.snapshot().values()]
+        places = [env.achieved_goal(), env.keypoints(), env.save(np.arange(3)), *env.snapshot().values()]
         return [*step, env.observe(), env.privileged(), *places]
 
     for action in actions[:2]:
@@ -153,14 +153,14 @@ def test_a_reset_puts_back_those_named_and_no_other(task: Task) -> None:
     env.reset(np.array([1]), np.array([3]))
     np.testing.assert_array_equal(env.save(np.array([1])), start[[1]])
     np.testing.assert_array_equal(env.save(np.array([0, 2])), moved[[0, 2]])
-    np.testing.assert_array_equal(env.target, env.goals[[0, 3, 2]])
+    np.testing.assert_array_equal(env.desired_goal, env.goals[[0, 3, 2]])
 
 
 def test_an_episode_ends_by_time_alone_and_never_by_success(task: Task) -> None:
     env = fresh(task, 2)
-    env.target[:] = env.judged()
+    env.desired_goal[:] = env.achieved_goal()
     for t, step in enumerate(drive(env, np.zeros((env.horizon, 2, env.action_size))), 1):
-        assert (np.linalg.norm(env.judged() - env.target, axis=1) <= env.tolerance).all(), "it stays at the goal"
+        assert (np.linalg.norm(env.achieved_goal() - env.desired_goal, axis=1) <= env.tolerance).all(), "it stays at the goal"
         assert not step.terminated.any()
         assert (step.truncated == (t == env.horizon)).all()
 
@@ -170,25 +170,25 @@ def test_the_reward_is_minus_the_distance_to_the_goal(task: Task) -> None:
     env = fresh(task, 4)
     for action in random_actions(env, STEPS):
         reward = env.step(action).reward
-        np.testing.assert_allclose(reward, -np.linalg.norm(env.judged() - env.target, axis=1), rtol=1e-12)
+        np.testing.assert_allclose(reward, -np.linalg.norm(env.achieved_goal() - env.desired_goal, axis=1), rtol=1e-12)
 
 
 def test_the_reward_follows_the_target_and_not_the_skill(task: Task) -> None:
     env = fresh(task, 2)
-    env.target[:] = env.judged()
+    env.desired_goal[:] = env.achieved_goal()
     action = random_actions(env, 1)[0]
     action[1] = action[0]
     np.testing.assert_array_equal(*env.step(action).reward)
-    env.target[1] += [0.1, 0.1, 0]
+    env.desired_goal[1] += [0.1, 0.1, 0]
     assert np.ptp(env.step(action).reward) > 0.01
 
 
 def test_landmarks_are_the_judged_point_and_what_else_a_planner_needs(task: Task) -> None:
     env = fresh(task, 3)
     drive(env, random_actions(env, STEPS))
-    landmarks = env.landmarks()
-    assert landmarks.shape == (3, 2 if isinstance(task, PushTask) else 1, 3)
-    np.testing.assert_array_equal(landmarks[:, 0], env.judged())
+    keypoints = env.keypoints()
+    assert keypoints.shape == (3, 2 if isinstance(task, PushTask) else 1, 3)
+    np.testing.assert_array_equal(keypoints[:, 0], env.achieved_goal())
 
 
 def test_shapes_and_types(task: Task) -> None:
@@ -196,7 +196,7 @@ def test_shapes_and_types(task: Task) -> None:
     step = env.step(random_actions(env, 1)[0])
     assert step.observation.shape == (3, env.observation_size) and step.observation.dtype == np.float32
     assert step.reward.shape == (3,) and step.terminated.dtype == step.truncated.dtype == bool
-    assert env.judged().shape == (3, 3) and env.goals.shape == (len(task.goals), 3)
+    assert env.achieved_goal().shape == (3, 3) and env.goals.shape == (len(task.goals), 3)
     assert env.applied.shape == (3, env.action_size)
     assert env.privileged().shape == (3, env.privileged_size) and env.privileged().dtype == np.float32
     assert len(env.save(np.array([0, 2]))) == 2
@@ -220,15 +220,15 @@ def test_single_precision_actions_of_a_network_do_the_same(task: Task) -> None:
 def test_a_sighting_leads_another_simulation_the_same_way(task: Task) -> None:
     env, other = fresh(task, 2), fresh(task, 3)
     drive(env, 0.3 * random_actions(env, STEPS))
-    seen = env.look()
-    np.testing.assert_allclose(seen.judged, env.judged(), atol=1e-6)
-    other.imagine(np.array([2, 1]), seen.state)
-    np.testing.assert_allclose(other.landmarks()[[2, 1]], env.landmarks(), atol=1e-3)
+    seen = env.estimate_state()
+    np.testing.assert_allclose(seen.achieved_goal, env.achieved_goal(), atol=1e-6)
+    other.set_estimated_state(np.array([2, 1]), seen.state)
+    np.testing.assert_allclose(other.keypoints()[[2, 1]], env.keypoints(), atol=1e-3)
     action = np.zeros((3, env.action_size))
     for _ in range(3):
         env.step(action[:2])
         other.step(action)
-    moved = np.linalg.norm(other.judged()[[2, 1]] - env.judged(), axis=1)
+    moved = np.linalg.norm(other.achieved_goal()[[2, 1]] - env.achieved_goal(), axis=1)
     assert (moved < 0.02).all(), "what moves is seen to move, within what two angles tell about a speed"
 
 
@@ -247,10 +247,10 @@ def test_a_robot_that_becomes_nominal_again_does_as_one_that_always_was(task: Ta
     env, plain = make(task, 3, 1, delay=True), make(task, 3, 1, delay=True)
     actions = random_actions(env, STEPS)
     for names in (ANOTHER, ["gain"], ["position_noise"]):
-        env.perturb({name: values for name, values in another(3).items() if name in names}, np.random.default_rng(0))
+        env.randomize({name: values for name, values in another(3).items() if name in names}, np.random.default_rng(0))
         env.reset(np.arange(3), np.zeros(3, dtype=np.int64))
         drive(env, actions)
-        env.perturb({}, np.random.default_rng(0))
+        env.randomize({}, np.random.default_rng(0))
         for each in (env, plain):
             each.reset(np.arange(3), np.zeros(3, dtype=np.int64))
         np.testing.assert_array_equal(motion(drive(env, actions)), motion(drive(plain, actions)))
@@ -263,7 +263,7 @@ def test_chance_of_each_hangs_neither_on_how_many_there_are_nor_on_what_differs_
         env, parameters = make(task, num, 1, delay=True), another(num)
         for name, value in first.items():
             parameters[name][0] = value
-        env.perturb(parameters, [np.random.default_rng(simulation) for simulation in range(num)])
+        env.randomize(parameters, [np.random.default_rng(simulation) for simulation in range(num)])
         env.reset(np.arange(num), np.zeros(num, dtype=np.int64))
         return motion(drive(env, actions[:, :num]))
 
@@ -294,16 +294,16 @@ def test_commands_under_way_are_part_of_a_sighting() -> None:
     late = {"latency": np.array([0.1])}
     env, other = make(ReachTask(), 1, delay=True), make(ReachTask(), 1, delay=True)
     for each in (env, other):
-        each.perturb(late, np.random.default_rng(0))
+        each.randomize(late, np.random.default_rng(0))
         each.reset(np.array([0]), np.array([0]))
     env.step(np.full((1, 7), 0.5))
     env.step(np.full((1, 7), 0.5))
-    np.testing.assert_allclose(env.judged(), other.judged(), atol=2e-3, err_msg="nothing has arrived yet")
-    other.imagine(np.array([0]), env.look().state)
+    np.testing.assert_allclose(env.achieved_goal(), other.achieved_goal(), atol=2e-3, err_msg="nothing has arrived yet")
+    other.set_estimated_state(np.array([0]), env.estimate_state().state)
     for _ in range(6):
         env.step(np.zeros((1, 7)))
         other.step(np.zeros((1, 7)))
-    np.testing.assert_allclose(env.judged(), other.judged(), atol=3e-3)
+    np.testing.assert_allclose(env.achieved_goal(), other.achieved_goal(), atol=3e-3)
 
 
 def test_the_lead_of_the_command_is_seen_where_the_task_says_so() -> None:

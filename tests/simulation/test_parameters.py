@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from worlds import JOINTS, push_env, reach_env, width
 
-from skillcli.config.randomization import NEUTRAL, PARAMETERS, Range, sample
+from skillcli.config.randomization import IDENTITY, PARAMETERS, Distribution, sample
 from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.reach.settings import ReachTask
 from skillcli.trajectories import Array
@@ -33,12 +33,12 @@ def ran(kind: Any, parameters: dict[str, Array] | None, seed: int = 0, threads: 
     """What is seen and judged in some steps of two simulations."""
     env = kind(ReachTask() if kind is reach_env else PushTask(), 2, threads, delay=True)
     if parameters is not None:
-        env.perturb(parameters, np.random.default_rng(seed))
+        env.randomize(parameters, np.random.default_rng(seed))
     env.reset(np.arange(2), np.zeros(2, dtype=np.int64))
-    seen = [np.concatenate([env.observe(), env.judged(), env.privileged()], axis=1)]
+    seen = [np.concatenate([env.observe(), env.achieved_goal(), env.privileged()], axis=1)]
     for action in np.random.default_rng(7).uniform(-1, 1, (steps, 2, 7)):
         step = env.step(action)
-        seen.append(np.concatenate([step.observation, env.judged(), env.privileged()], axis=1))
+        seen.append(np.concatenate([step.observation, env.achieved_goal(), env.privileged()], axis=1))
     return np.stack(seen)
 
 
@@ -50,7 +50,7 @@ def plain(request: pytest.FixtureRequest) -> tuple[Any, Array]:
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_a_neutral_value_changes_nothing_bit_for_bit(plain: tuple[Any, Array], name: str) -> None:
     kind, expected = plain
-    np.testing.assert_array_equal(ran(kind, full(2, {name: NEUTRAL[name]})), expected)
+    np.testing.assert_array_equal(ran(kind, full(2, {name: IDENTITY[name]})), expected)
 
 
 @pytest.fixture(scope="module")
@@ -77,8 +77,8 @@ def test_everything_at_once_hangs_on_the_generator_alone_and_not_on_threads() ->
 
 def test_a_robot_that_becomes_nominal_again_is_the_plain_one() -> None:
     env = push_env(PushTask(), 2, delay=True)
-    env.perturb(everything(2), np.random.default_rng(0))
-    env.perturb({}, np.random.default_rng(0))
+    env.randomize(everything(2), np.random.default_rng(0))
+    env.randomize({}, np.random.default_rng(0))
     env.reset(np.arange(2), np.zeros(2, dtype=np.int64))
     other = push_env(PushTask(), 2, delay=True)
     for action in np.random.default_rng(7).uniform(-1, 1, (4, 2, 7)):
@@ -88,17 +88,17 @@ def test_a_robot_that_becomes_nominal_again_is_the_plain_one() -> None:
 @pytest.mark.slow
 def test_draws_within_the_bounds_of_every_parameter_at_once_end_in_failures_and_never_in_nan() -> None:
     """As nasty as a file may be: both ends of everything, servos a thousand times too stiff, links of a hundredth."""
-    ranges = {name: Range(kind="one_of", values=(p.low, p.high)) for name, p in PARAMETERS.items()}
+    ranges = {name: Distribution(kind="one_of", values=(p.low, p.high)) for name, p in PARAMETERS.items()}
     for kind, task in ((reach_env, ReachTask()), (push_env, PushTask())):
         env = kind(task, 64, delay=True)
-        env.perturb(sample(ranges, 64, np.random.default_rng(3), JOINTS), np.random.default_rng(4))
+        env.randomize(sample(ranges, 64, np.random.default_rng(3), JOINTS), np.random.default_rng(4))
         env.reset(np.arange(64), np.zeros(64, dtype=np.int64))
         failures = 0
         for action in np.random.default_rng(5).uniform(-1, 1, (20, 64, 7)):
             step = env.step(action)
             failures += int(step.terminated.sum())
             assert np.isfinite(step.observation).all() and np.isfinite(step.reward).all()
-            assert np.isfinite(env.judged()).all() and np.isfinite(env.privileged()).all()
+            assert np.isfinite(env.achieved_goal()).all() and np.isfinite(env.privileged()).all()
             assert env.violations().shape == (64, 3 if kind is reach_env else 5)
         assert failures > 0
 

@@ -96,8 +96,8 @@ def test_a_finger_that_is_pressed_into_the_table_breaks_the_clearance_and_one_ab
 
 def test_the_table_counts_where_it_is() -> None:
     arms = env()
-    tip = arms.judged()[0, 2]
-    arms.perturb({"table_height": np.array([tip - 0.005, tip + 0.01])}, np.random.default_rng(0))
+    tip = arms.achieved_goal()[0, 2]
+    arms.randomize({"table_height": np.array([tip - 0.005, tip + 0.01])}, np.random.default_rng(0))
     arms.reset(np.arange(2), np.zeros(2, dtype=np.int64))
     assert arms.violations()[:, TABLE].tolist() == [False, True]
 
@@ -117,18 +117,18 @@ def test_a_box_is_pressed_where_its_lowest_corner_is_too_deep(orientation: tuple
     rows = push.arms.object_pose.copy()
     rows[:, 2], rows[:, 3:] = rest - deep, orientation
     rows[3, 1] = 3.0  # beside the table: that is another failure
-    push.arms.place(np.arange(4), push.arms.joint_position, rows)
+    push.arms.reset_to(np.arange(4), push.arms.joint_position, rows)
     assert push.violations()[:, BOX].tolist() == [False, False, True, False]
 
 
 def test_a_box_is_pressed_into_the_table_that_is_there() -> None:
     push = push_env(PushTask(), 3)
-    push.perturb({"table_tilt": np.array([[0.1, -0.05]] * 3), "table_height": np.full(3, 0.02)}, np.random.default_rng(0))
+    push.randomize({"table_tilt": np.array([[0.1, -0.05]] * 3), "table_height": np.full(3, 0.02)}, np.random.default_rng(0))
     push.reset(np.arange(3), np.zeros(3, dtype=np.int64))
     assert not push.violations().any()
     rows = push.arms.object_pose.copy()
     rows[:, 2] -= np.array([0.9, 1.1, 1.1]) * BOX_TOLERANCE
-    push.arms.place(np.arange(3), push.arms.joint_position, rows)
+    push.arms.reset_to(np.arange(3), push.arms.joint_position, rows)
     assert push.violations()[:, BOX].tolist() == [False, True, True]
 
 
@@ -139,10 +139,10 @@ def test_a_box_that_tips_past_its_edge_has_fallen_over_and_one_that_only_turns_h
     rows = push.arms.object_pose.copy()
     rows[:, 2] = 0.2
     rows[:, 3:] = np.column_stack([np.cos(half), np.sin(half)[:, None] * axis, 0 * half])
-    push.arms.place(np.arange(5), push.arms.joint_position, rows)
+    push.arms.reset_to(np.arange(5), push.arms.joint_position, rows)
     assert push.violations()[:, TIPPED].tolist() == [False, False, True, True, True]
     rows[:, 3:] = np.column_stack([np.cos(half), 0 * half, 0 * half, np.sin(half)])
-    push.arms.place(np.arange(5), push.arms.joint_position, rows)
+    push.arms.reset_to(np.arange(5), push.arms.joint_position, rows)
     assert not push.violations()[:, TIPPED].any()
 
 

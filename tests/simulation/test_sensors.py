@@ -68,7 +68,7 @@ def test_a_drift_does_not_change_between_two_looks_at_the_same_moment() -> None:
 
 def environment(num: int, **parameters: Array) -> ReachEnvironment:
     env = reach_env(ReachTask(), num)
-    env.perturb(parameters, np.random.default_rng(0))
+    env.randomize(parameters, np.random.default_rng(0))
     env.reset(np.arange(num), np.zeros(num, dtype=np.int64))
     return env
 
@@ -77,7 +77,7 @@ def test_a_position_offset_is_seen_and_nothing_else() -> None:
     env = environment(2, position_offset=np.array([[0, 0, 0], [0.01, -0.02, 0.03]]))
     seen = env.observe()
     np.testing.assert_allclose(seen[1] - seen[0], [0] * 7 + [0.01, -0.02, 0.03], atol=1e-6)
-    np.testing.assert_array_equal(env.judged()[0], env.judged()[1])
+    np.testing.assert_array_equal(env.achieved_goal()[0], env.achieved_goal()[1])
 
 
 def test_an_arm_with_wrong_zeros_believes_it_is_where_it_should_be() -> None:
@@ -87,7 +87,7 @@ def test_an_arm_with_wrong_zeros_believes_it_is_where_it_should_be() -> None:
     seen = env.observe()
     np.testing.assert_allclose(seen[1, :7], seen[0, :7], atol=1e-6)
     np.testing.assert_allclose(seen[1, 7:], seen[0, 7:], atol=1e-3)
-    assert np.linalg.norm(env.judged()[1] - env.judged()[0]) > 0.01
+    assert np.linalg.norm(env.achieved_goal()[1] - env.achieved_goal()[0]) > 0.01
     np.testing.assert_allclose(env.arms.joint_position[0] - env.arms.joint_position[1], offset[1], atol=1e-9)
 
 

@@ -33,7 +33,7 @@ def test_an_orientation_is_turned_in_the_base_frame() -> None:
 
 def environment(num: int, **parameters: list[float] | list[list[float]]) -> PushEnvironment:
     env = push_env(PushTask(), num)
-    env.perturb({name: np.array(values) for name, values in parameters.items()}, np.random.default_rng(0))
+    env.randomize({name: np.array(values) for name, values in parameters.items()}, np.random.default_rng(0))
     env.reset(np.arange(num), np.zeros(num, dtype=np.int64))
     return env
 
@@ -42,12 +42,12 @@ def test_a_box_rests_on_a_tilted_table_until_friction_no_longer_holds_it() -> No
     """Friction of 0.6 holds up to 31 degrees; a twentieth of that does not hold on 0.15 rad, 8.6 degrees."""
     tilt = [[0.0, 0.0], [0.1, -0.1], [0.0, 0.15]]
     env = environment(3, table_tilt=tilt, contact_friction=[1.0, 1.0, 0.05], table_height=[0.0, 0.01, 0.0])
-    before = env.judged()
+    before = env.achieved_goal()
     for _ in range(6):
         assert not env.step(np.zeros((3, 7))).terminated.any()
-    moved = np.linalg.norm(env.judged() - before, axis=1)
+    moved = np.linalg.norm(env.achieved_goal() - before, axis=1)
     assert moved[:2].max() < 2e-3 and moved[2] > 0.02
-    assert env.judged()[2, 0] > before[2, 0], "downhill"
+    assert env.achieved_goal()[2, 0] > before[2, 0], "downhill"
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.5])

@@ -13,10 +13,10 @@ from worlds import JOINTS
 from skillcli import metrics
 from skillcli.composition.plan import Segment
 from skillcli.errors import UsageError
+from skillcli.evaluation.episode_schedule import EpisodeSchedule
 from skillcli.evaluation.library import open_library
-from skillcli.evaluation.sampled_robots import Robots
-from skillcli.evaluation.script import Script
-from skillcli.evaluation.trial import NOMINAL, Target, Trial
+from skillcli.evaluation.sampled_robots import SampledRobots
+from skillcli.evaluation.transfer_evaluator import NOMINAL, TargetRobots, TransferEvaluator
 from skillcli.learning.agent import Agent
 from skillcli.recipe import resolve
 from skillcli.simulation.domains import find_domain
@@ -114,7 +114,7 @@ def test_embed_means_plays_the_mean_of_neighbouring_latents_against_half_way_bet
     assert (path.skill == -1).all(), "the mean of no skill"
     np.testing.assert_allclose(path.latent[:, 0], (mean[pairs[:, 0]] + mean[pairs[:, 1]]) / 2, atol=1e-6)
     np.testing.assert_allclose(path.target, (goals[pairs[:, 0]] + goals[pairs[:, 1]]) / 2)
-    start, end = path.judged[:, 0], path.judged[:, -1]
+    start, end = path.achieved_goal[:, 0], path.achieved_goal[:, -1]
     for row, found in enumerate(artifact.results["halfway"]):
         assert (found["from"], found["to"]) == tuple(str(k + 1) for k in pairs[row])
         assert found["final_distance_m"] == pytest.approx(np.linalg.norm(end[row] - path.target[row]))
@@ -133,7 +133,7 @@ def test_the_plan_in_the_artifact_is_what_was_executed(chain: Path) -> None:
     np.testing.assert_allclose(path.latent[0], np.repeat(arrays["plan/latent"], steps, axis=0), atol=1e-6)
     np.testing.assert_array_equal(path.skill[0], np.repeat(arrays["plan/skill"], steps))
     assert [segment["seconds"] for segment in results["segments"]] == pytest.approx(arrays["plan/seconds"].tolist())
-    closest = metrics.ordered_approach(path.judged[0], arrays["waypoints/target"], 0.05)
+    closest = metrics.ordered_approach(path.achieved_goal[0], arrays["waypoints/target"], 0.05)
     np.testing.assert_allclose(arrays["waypoints/closest"], closest)
     assert results["final_distance_m"] == pytest.approx(metrics.final_distance(path)[0])
     assert 0 < results["expanded_nodes"] <= 12 and results["simulated_robot_seconds"] > 0
@@ -148,7 +148,7 @@ def test_what_the_search_saw_is_what_the_plan_does(chain: Path) -> None:
         Segment(latent, int(skill), "", int(n))
         for latent, skill, n in zip(artifact.arrays["plan/latent"], artifact.arrays["plan/skill"], steps, strict=True)
     ]
-    again = execute(library, plan, artifact.arrays["waypoints/target"], Robots())
+    again = execute(library, plan, artifact.arrays["waypoints/target"], SampledRobots())
     np.testing.assert_array_equal(again.joint_position, recording(artifact).joint_position)
 
 
@@ -187,8 +187,11 @@ def test_the_nominal_domain_repeats_the_source_and_others_do_not(chain: Path) ->
 def test_bare_skills_can_be_transferred_too(chain: Path) -> None:
     artifact = read(chain, "embed-means")
     library = open_library(Store(chain), artifact)
-    target = Target.drawn(find_domain("real-like"), 10, 1, JOINTS)
-    path, drawn = Trial(library, 1, library.world).run(Script.of(artifact, library).in_turn(10), target), target.parameters
+    target = TargetRobots.drawn(find_domain("real-like"), 10, 1, JOINTS)
+    path, drawn = (
+        TransferEvaluator(library, 1, library.world).run(EpisodeSchedule.of(artifact, library).in_turn(10), target),
+        target.parameters,
+    )
     assert path.skill[:, 0].tolist() == [0, 1, 2, 3, 4, 5, 6, 7, 0, 1]
     np.testing.assert_array_equal(path.target, library.goals[path.skill[:, 0]])
     assert set(drawn["latency"].tolist()) == {0.0, 0.05}
@@ -226,10 +229,10 @@ def test_more_episodes_than_simulations_side_by_side_give_the_same_as_all_at_onc
 ) -> None:
     source = read(chain, "embed-means")
     library = open_library(Store(chain), source)
-    script = Script.of(source, library).in_turn(10)
-    whole = Trial(library, 0, library.world).run(script, NOMINAL)
-    monkeypatch.setattr("skillcli.evaluation.trial.MAX_SIMULATIONS", 3)
-    parts = Trial(library, 0, library.world).run(script, NOMINAL)
+    script = EpisodeSchedule.of(source, library).in_turn(10)
+    whole = TransferEvaluator(library, 0, library.world).run(script, NOMINAL)
+    monkeypatch.setattr("skillcli.evaluation.transfer_evaluator.MAX_SIMULATIONS", 3)
+    parts = TransferEvaluator(library, 0, library.world).run(script, NOMINAL)
     assert parts.gripper_position == pytest.approx(whole.gripper_position, abs=1e-4)
     assert parts.episodes == 10
 

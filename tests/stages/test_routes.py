@@ -13,11 +13,11 @@ from worlds import JOINTS, named_routes
 from skillcli import metrics
 from skillcli.composition.plan import Segment
 from skillcli.errors import UsageError
+from skillcli.evaluation.episode_schedule import EpisodeSchedule
 from skillcli.evaluation.inputs import compose_inputs
 from skillcli.evaluation.library import open_library
-from skillcli.evaluation.sampled_robots import Robots
-from skillcli.evaluation.script import Script
-from skillcli.evaluation.trial import Target, Trial
+from skillcli.evaluation.sampled_robots import SampledRobots
+from skillcli.evaluation.transfer_evaluator import TargetRobots, TransferEvaluator
 from skillcli.recipe import load_recipe
 from skillcli.simulation.domains import find_domain
 from skillcli.stages.compose import Request, execute
@@ -54,8 +54,8 @@ def test_every_artifact_of_a_push_is_whole_and_its_recording_agrees_with_itself(
     assert path.object_pose is not None and path.gripper_position is not None
     assert path.object_pose.shape == (path.episodes, len(path.time), 7) and np.isfinite(path.object_pose).all()
     np.testing.assert_allclose(np.linalg.norm(path.object_pose[..., 3:], axis=-1), 1, atol=1e-5)
-    np.testing.assert_array_equal(path.judged[..., :2], path.object_pose[..., :2])
-    assert (path.judged[..., 2] == 0).all() and (path.target[:, 2] == 0).all(), "in the plane of the table"
+    np.testing.assert_array_equal(path.achieved_goal[..., :2], path.object_pose[..., :2])
+    assert (path.achieved_goal[..., 2] == 0).all() and (path.target[:, 2] == 0).all(), "in the plane of the table"
 
 
 def test_stored_push_skills_act_as_the_trained_ones_did(push_chain: Path) -> None:
@@ -74,7 +74,7 @@ def test_stored_push_skills_act_as_the_trained_ones_did(push_chain: Path) -> Non
 def test_push_skills_are_judged_on_the_nominal_robot_from_the_nominal_start(push_chain: Path) -> None:
     artifact = read(push_chain, "pretrain")
     path = recording(artifact)
-    np.testing.assert_allclose(path.judged[:, 0], [[0.6, 0, 0]] * path.episodes, atol=1e-6)
+    np.testing.assert_allclose(path.achieved_goal[:, 0], [[0.6, 0, 0]] * path.episodes, atol=1e-6)
     np.testing.assert_allclose(artifact.arrays["skills/goal"], [[0.75, 0, 0], [0.45, 0, 0], [0.6, 0.15, 0], [0.6, -0.15, 0]])
     assert [skill["name"] for skill in artifact.results["skills"]] == ["up", "down", "left", "right"]
 
@@ -134,11 +134,11 @@ def test_each_route_is_planned_and_run_from_the_start(push_chain: Path) -> None:
         length = int(steps[mine].sum())
         assert path.length[route] == length
         np.testing.assert_array_equal(path.joint_position[route, 0], path.joint_position[0, 0])
-        np.testing.assert_allclose(path.judged[route, 0], [0.6, 0, 0], atol=1e-6)
+        np.testing.assert_allclose(path.achieved_goal[route, 0], [0.6, 0, 0], atol=1e-6)
         fed = np.repeat(arrays["plan/latent"][mine], steps[mine], axis=0)
         np.testing.assert_allclose(path.latent[route, :length], fed, atol=1e-6)
     assert path.length[0] == 1 < path.length[1:].min() and len(path.time) == path.length.max() + 1
-    np.testing.assert_array_equal(path.judged[0, 1:], np.repeat(path.judged[0, 1:2], len(path.time) - 1, axis=0))
+    np.testing.assert_array_equal(path.achieved_goal[0, 1:], np.repeat(path.achieved_goal[0, 1:2], len(path.time) - 1, axis=0))
 
 
 def test_a_route_alone_does_the_same(push_chain: Path) -> None:
@@ -149,7 +149,7 @@ def test_a_route_alone_does_the_same(push_chain: Path) -> None:
             Segment(arrays["plan/latent"][i], int(arrays["plan/skill"][i]), "", int(steps[i]))
             for i in np.flatnonzero(arrays["plan/route"] == route)
         ]
-        alone = execute(library, plan, waypoints, Robots())
+        alone = execute(library, plan, waypoints, SampledRobots())
         together = recording(artifact).select([route])
         assert alone.success.tolist() == together.success.tolist()
         np.testing.assert_array_equal(alone.padded(len(together.time) - 1).object_pose, together.object_pose)
@@ -164,7 +164,7 @@ def test_each_route_is_judged_by_its_own_waypoints(push_chain: Path) -> None:
     distance = metrics.final_distance(path)
     for route in range(3):
         mine = arrays["waypoints/route"] == route
-        closest = metrics.ordered_approach(path.judged[route], arrays["waypoints/target"][mine], 0.05)
+        closest = metrics.ordered_approach(path.achieved_goal[route], arrays["waypoints/target"][mine], 0.05)
         np.testing.assert_allclose(arrays["waypoints/closest"][mine], closest)
         assert bool(path.success[route]) == bool((closest <= 0.05).all() and distance[route] <= 0.05)
     assert path.success.tolist() == [True, False, False]
@@ -188,14 +188,14 @@ def test_reports_name_the_route_of_every_segment_and_waypoint(push_chain: Path) 
 def test_a_script_runs_the_routes_in_turn_each_to_its_own_end(push_chain: Path) -> None:
     artifact = read(push_chain, "compose")
     library, path = open_library(Store(push_chain), artifact), recording(artifact)
-    script = Script.of(artifact, library).in_turn(7)
+    script = EpisodeSchedule.of(artifact, library).in_turn(7)
     turn = [0, 1, 2, 0, 1, 2, 0]
     assert script.steps.tolist() == path.length[turn].tolist()
     np.testing.assert_array_equal(script.latent, path.latent[turn])
     assert [len(route) for route in script.waypoints] == [1, 3, 1, 1, 3, 1, 1]
     for index, route in zip(turn, script.waypoints, strict=True):
         np.testing.assert_allclose(route, ROUTES[index])
-    once = Script.of(artifact, library)
+    once = EpisodeSchedule.of(artifact, library)
     assert len(once.waypoints) == len(once.latent) == 3, "one episode of each says it all"
 
 
@@ -219,9 +219,12 @@ def test_the_nominal_robot_does_with_every_route_what_the_source_did(push_chain:
 def test_bare_pushes_are_judged_from_random_starts_too(push_chain: Path) -> None:
     artifact = read(push_chain, "embed-means")
     library = open_library(Store(push_chain), artifact)
-    target = Target.drawn(find_domain("random-starts"), 8, 1, JOINTS)
-    path, drawn = Trial(library, 1, library.world).run(Script.of(artifact, library).in_turn(8), target), target.parameters
-    np.testing.assert_allclose(path.judged[:, 0, :2] - drawn["object_offset"], [[0.6, 0]] * 8, atol=1e-6)
+    target = TargetRobots.drawn(find_domain("random-starts"), 8, 1, JOINTS)
+    path, drawn = (
+        TransferEvaluator(library, 1, library.world).run(EpisodeSchedule.of(artifact, library).in_turn(8), target),
+        target.parameters,
+    )
+    np.testing.assert_allclose(path.achieved_goal[:, 0, :2] - drawn["object_offset"], [[0.6, 0]] * 8, atol=1e-6)
     np.testing.assert_array_equal(path.target, library.goals[[0, 1, 2, 3, 0, 1, 2, 3]], "the goals stay")
     task = library.recipe.task
     assert path.joint_position is not None and isinstance(task, PushTask)

@@ -60,8 +60,8 @@ def store(folder: Path) -> Path:
 def test_the_reward_is_the_one_that_is_shown(folder: Path) -> None:
     recipe = load_recipe(str(folder / "planar.toml"))
     env = World.of(recipe).make(2, 1)
-    env.target[:] = env.judged()
-    env.target[1, 2] += 0.1  # ten centimetres above it: counted once as distance and twice as height
+    env.desired_goal[:] = env.achieved_goal()
+    env.desired_goal[1, 2] += 0.1  # ten centimetres above it: counted once as distance and twice as height
     reward = env.step(np.zeros((2, env.action_size))).reward
     assert reward[0] == pytest.approx(0, abs=0.01) and reward[0] - reward[1] == pytest.approx(0.3, abs=0.01)
 

@@ -46,8 +46,8 @@ def test_other_goals_are_refused_with_a_hint(task: Task, goal: tuple[float, ...]
 def test_no_arm_posture_reaches_beyond_what_is_said_to_be_the_longest_reach() -> None:
     env = reach_env(REACH, 256)
     rng = np.random.default_rng(0)
-    env.arms.place(np.arange(256), rng.uniform(env.arms.model.jnt_range[:7, 0], env.arms.model.jnt_range[:7, 1], (256, 7)))
-    reach = np.linalg.norm(env.judged() - np.array(SAWYER.workspace.shoulder), axis=1)
+    env.arms.reset_to(np.arange(256), rng.uniform(env.arms.model.jnt_range[:7, 0], env.arms.model.jnt_range[:7, 1], (256, 7)))
+    reach = np.linalg.norm(env.achieved_goal() - np.array(SAWYER.workspace.shoulder), axis=1)
     assert reach.max() <= SAWYER.workspace.reach and reach.max() > 0.8 * SAWYER.workspace.reach
 
 

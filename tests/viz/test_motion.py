@@ -95,7 +95,7 @@ def test_a_sampled_latent_belongs_to_the_skill_whose_goal_it_had() -> None:
 
 def test_a_transfer_plays_the_worst_domain_and_episode_first() -> None:
     scene = scenes.make("transfer-eval", "point")
-    gaps = np.linalg.norm(scene.trajectories.judged[:, -1] - scene.trajectories.target, axis=-1)
+    gaps = np.linalg.norm(scene.trajectories.achieved_goal[:, -1] - scene.trajectories.target, axis=-1)
     played = motion.played(scene)
     assert len(played) == 15 and played[0] == int(gaps.argmax())
     of = [[e for e in played if e // 6 == d] for d in range(3)]

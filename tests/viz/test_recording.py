@@ -119,7 +119,7 @@ def test_paths_are_cut_and_coloured_by_skill(tmp_path: Path) -> None:
     assert [piece.skill for piece in pieces].count(-1) == 4
     assert colors == [packed(motion.piece_look(scene, 0, piece).color) for piece in pieces]
     for piece, strip in zip(pieces, strips, strict=True):
-        assert np.allclose(strip, scene.trajectories.judged[0, piece.start : piece.stop + 1], atol=1e-6)
+        assert np.allclose(strip, scene.trajectories.achieved_goal[0, piece.start : piece.stop + 1], atol=1e-6)
 
 
 def test_sampled_latents_share_one_entity_per_skill(tmp_path: Path) -> None:
@@ -200,7 +200,7 @@ def test_a_source_that_ends_early_rests_until_the_target_ends() -> None:
 
 def test_an_episode_says_what_was_drawn_for_it_and_where_it_ends(tmp_path: Path) -> None:
     scene = scenes.make("transfer-eval", "reach")
-    gap = 100 * np.linalg.norm(scene.trajectories.judged[13, -1] - scene.trajectories.target[13])
+    gap = 100 * np.linalg.norm(scene.trajectories.achieved_goal[13, -1] - scene.trajectories.target[13])
     assert notes.label(scene, 13) == f"real-like 1: ends {gap:.1f} cm off\nlatency 50 ms"
     assert "latency" not in notes.label(scene, 0), "nothing was drawn on the nominal robot"
     told = notes.card(scene, 13)

@@ -9,7 +9,7 @@ import numpy as np
 
 from skillcli.robots.robot import Robot
 from skillcli.simulation.chance import Chance, Rng
-from skillcli.simulation.environment import Array, ObservationTerm, Sighting, Step
+from skillcli.simulation.environment import Array, ObservationTerm, StateEstimate, Step
 from skillcli.tasks.point.settings import PointTask
 
 
@@ -36,7 +36,7 @@ class PointEnvironment:
         self._noise: Array | None = None  # sensor noise of a transfer domain, (N, 1) m
         self._chance = Chance(np.random.default_rng(0))
         self.goals = goals
-        self.target = np.zeros((num, 3))
+        self.desired_goal = np.zeros((num, 3))
         self._position = np.zeros((num, 2))
         self._elapsed = np.zeros(num, dtype=np.int64)
         self.applied, self.unstable = np.zeros((num, 2)), np.zeros(num, dtype=bool)
@@ -52,13 +52,13 @@ class PointEnvironment:
 
     def reset(self, ids: Array, skill: Array) -> None:
         """See `Environment`."""
-        self.begin(ids, np.zeros((len(ids), 2)), skill)
+        self.reset_to_state(ids, np.zeros((len(ids), 2)), skill)
 
-    def begin(self, ids: Array, rows: Array, skill: Array) -> None:
+    def reset_to_state(self, ids: Array, rows: Array, skill: Array) -> None:
         """See `Environment`."""
         self.restore(ids, rows)
         self._elapsed[ids] = 0
-        self.target[ids] = self.goals[skill]
+        self.desired_goal[ids] = self.goals[skill]
 
     def observe(self) -> Array:
         """See `Environment`."""
@@ -71,7 +71,7 @@ class PointEnvironment:
         """See `Environment`."""
         return np.zeros((self.num, 0), dtype=np.float32)
 
-    def perturb(self, parameters: Mapping[str, Array], rng: Rng) -> None:
+    def randomize(self, parameters: Mapping[str, Array], rng: Rng) -> None:
         """See `Environment`: the mean gain of the moves and the position noise; nothing else has a meaning here."""
         gain = parameters.get("gain", np.ones((self.num, 1)))
         self._step_limit = self._nominal_limit * gain.mean(axis=1, keepdims=True)
@@ -83,27 +83,27 @@ class PointEnvironment:
         self.applied = self._step_limit * np.clip(action, -1.0, 1.0)
         np.clip(self._position + self.applied, -self._bound, self._bound, out=self._position)
         self._elapsed += 1
-        reward = -np.linalg.norm(self._position - self.target[:, :2], axis=1)
+        reward = -np.linalg.norm(self._position - self.desired_goal[:, :2], axis=1)
         return Step(self.observe(), reward, np.zeros(self.num, dtype=bool), self._elapsed >= self.horizon)
 
-    def look(self) -> Sighting:
+    def estimate_state(self) -> StateEstimate:
         """See `Environment`."""
-        return Sighting(self._seen.astype(float), np.concatenate([self._seen, np.zeros((self.num, 1))], axis=1))
+        return StateEstimate(self._seen.astype(float), np.concatenate([self._seen, np.zeros((self.num, 1))], axis=1))
 
-    def imagine(self, ids: Array, state: Array, sag: Array | None = None) -> None:
+    def set_estimated_state(self, ids: Array, state: Array, sag: Array | None = None) -> None:
         """See `Environment`; a point goes where it is sent."""
         self.restore(ids, np.clip(state, -self._bound, self._bound))
 
     def wake(self, ids: Array | None) -> None:
         """See `Environment`; points cost nothing."""
 
-    def judged(self) -> Array:
+    def achieved_goal(self) -> Array:
         """See `Environment`."""
         return np.concatenate([self._position, np.zeros((self.num, 1))], axis=1)
 
-    def landmarks(self) -> Array:
+    def keypoints(self) -> Array:
         """See `Environment`."""
-        return self.judged()[:, None]
+        return self.achieved_goal()[:, None]
 
     def save(self, ids: Array) -> Array:
         """See `Environment`."""

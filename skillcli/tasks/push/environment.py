@@ -142,20 +142,20 @@ class PushEnvironment(ArmEnvironment):
         relative, gripper = self._measured[:, n : n + 2], self._measured[:, n + 3 : n + 5]
         return gripper - relative
 
-    def judged(self) -> Array:
+    def achieved_goal(self) -> Array:
         """See `Environment`."""
         point = self.arms.object_pose[:, :3].copy()
         point[:, 2] = 0.0
         return point
 
-    def landmarks(self) -> Array:
+    def keypoints(self) -> Array:
         """See `Environment`; box and gripper."""
-        return np.stack([self.judged(), self.arms.gripper_position], axis=1)
+        return np.stack([self.achieved_goal(), self.arms.gripper_position], axis=1)
 
     def behind(self) -> Array:
         """Where the finger has to be to push the box straight at its goal, (N, 3) m; half-way up the box."""
         point: Array = self.arms.object_pose[:, :3].copy()
-        point[:, :2] = place_behind(point[:, :2], self.target[:, :2], self._half_edges[:, :2])
+        point[:, :2] = place_behind(point[:, :2], self.desired_goal[:, :2], self._half_edges[:, :2])
         return point
 
     def reward_terms(self) -> RewardTerms:
@@ -178,7 +178,7 @@ class PushEnvironment(ArmEnvironment):
 
         The step that loses the box earns `LOST` instead.
         """
-        distance = np.linalg.norm(self.target[:, :2] - self.arms.object_pose[:, :2], axis=1)
+        distance = np.linalg.norm(self.desired_goal[:, :2] - self.arms.object_pose[:, :2], axis=1)
         finger = np.linalg.norm(self.arms.gripper_position - self.behind(), axis=1) + self._climb()
         inside = np.maximum(0.0, 1.0 - distance / 0.05)
         struck = (self.arms.object_velocity[:, :2] ** 2).sum(axis=1)
@@ -200,7 +200,7 @@ class PushEnvironment(ArmEnvironment):
     def _climb(self) -> Array:
         """How much higher the fingers have to be to pass over the box that is in their way, (N,) m."""
         box = self.arms.object_pose[:, :3]
-        return climb(self.arms.gripper_position, box, self.target[:, :2], self._half_edges)
+        return climb(self.arms.gripper_position, box, self.desired_goal[:, :2], self._half_edges)
 
     def _tipping(self) -> Array:
         """Speed at which the boxes turn about anything but the vertical, (N,) rad/s."""
@@ -243,13 +243,13 @@ class PushEnvironment(ArmEnvironment):
         """See `Environment`."""
         box, velocity = self.arms.object_pose, self.arms.object_velocity
         parts = (
-            self.target[:, :2] - box[:, :2], velocity[:, :2], self.arms.gripper_position - self.behind(), self._robot,
+            self.desired_goal[:, :2] - box[:, :2], velocity[:, :2], self.arms.gripper_position - self.behind(), self._robot,
         )  # fmt: skip
         return np.concatenate(parts, axis=1, dtype=np.float32, casting="same_kind")
 
-    def perturb(self, parameters: Mapping[str, Array], rng: Rng) -> None:
+    def randomize(self, parameters: Mapping[str, Array], rng: Rng) -> None:
         """See `Environment`."""
-        super().perturb(parameters, rng)
+        super().randomize(parameters, rng)
         one, zero = np.ones(self.num), np.zeros(self.num)
         self._table_height = parameters.get("table_height", zero)
         self._box_offset = parameters.get("object_offset", np.zeros((self.num, 2)))
@@ -277,14 +277,14 @@ class PushEnvironment(ArmEnvironment):
         pose[:, 3:] = table.turned(_upright_turn(error), turned)
         return pose
 
-    def judged_seen(self, object_pose: Array | None) -> Array:
+    def estimate_achieved_goal(self, object_pose: Array | None) -> Array:
         """See `ArmEnvironment`."""
         assert object_pose is not None
         point = object_pose[:, :3].copy()
         point[:, 2] = 0.0
         return point
 
-    def imagine(self, ids: Array, state: Array, sag: Array | None = None) -> None:
+    def set_estimated_state(self, ids: Array, state: Array, sag: Array | None = None) -> None:
         """See `Environment`; the box lies flat on this robot's own table, however high and tilted the other one is.
 
         A box that leans on the finger, by more than any table is tilted, is about to fall: it leans here too, its lowest
@@ -299,7 +299,7 @@ class PushEnvironment(ArmEnvironment):
         reach = (np.abs(up) * self._half_edges[ids]).sum(axis=1)  # of the lowest corner, down from the centre
         lying[leans, -4:] = state[leans, -4:]
         lying[leans, -5] += (reach - self._half_edges[ids, 2])[leans]
-        super().imagine(ids, lying, sag)
+        super().set_estimated_state(ids, lying, sag)
 
     def snapshot(self) -> dict[str, Array]:
         """See `Environment`."""

@@ -15,11 +15,11 @@ class ReachEnvironment(ArmEnvironment):
         """See `ArmEnvironment`."""
         return self.arms.gripper_position
 
-    def judged(self) -> Array:
+    def achieved_goal(self) -> Array:
         """See `Environment`."""
         return self.arms.gripper_position.copy()
 
     def reward_terms(self) -> RewardTerms:
         """The distance of gripper and goal, m, counts against it."""
-        gap = self.arms.gripper_position - self.target
+        gap = self.arms.gripper_position - self.desired_goal
         return RewardTerms({"distance": -np.sqrt(np.einsum("ij,ij->i", gap, gap))}, {})

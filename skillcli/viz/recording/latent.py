@@ -68,7 +68,7 @@ def _log_source(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
     if sent is None:
         return
     index, length = int(scene.episode_source[clock.episode]), int(scene.trajectories.length[clock.episode])
-    where = sent.trajectories.judged[index, rest_after(np.arange(length + 1), sent, index)]
+    where = sent.trajectories.achieved_goal[index, rest_after(np.arange(length + 1), sent, index)]
     times = clock.columns(slice(0, length + 1))
     look = rr.Points3D.columns(colors=[rgba(TARGET_IN_VIEWER)], radii=[extent(scene) / 90], labels=["source"])
     stream.send_columns("source/now", clock.columns(slice(0, 1)), look)

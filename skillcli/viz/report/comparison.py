@@ -264,7 +264,7 @@ def _start(one: Exhibit) -> Any:
     """Where goals are counted from, (3,) m."""
     if not one.scene.drawing.goals_from_start:
         return np.zeros(3)
-    return np.round(one.scene.trajectories.judged[0, 0], 3)
+    return np.round(one.scene.trajectories.achieved_goal[0, 0], 3)
 
 
 def _goal(one: Exhibit, goal: Any) -> Goal:

@@ -12,7 +12,7 @@ from worlds import SAWYER, push_env
 
 from skillcli.errors import UsageError
 from skillcli.recipe import load_recipe
-from skillcli.simulation.arms import Arms
+from skillcli.simulation.arms import ArmBatch
 from skillcli.simulation.table import turned
 from skillcli.tasks.push.environment import LOST, PushEnvironment
 from skillcli.tasks.push.settings import PushTask
@@ -94,7 +94,7 @@ SIZES = [((0.06, 0.06, 0.06), 0.03), ((0.11, 0.11, 0.13), 0.2), ((0.3, 0.05, 0.1
 def test_a_box_never_starts_inside_the_arm_and_so_stays_where_it_is(size: tuple[float, float, float], share: float) -> None:
     env, rng = push_env(PushTask(box_size=size), 128), np.random.default_rng(1)
     offset = rng.uniform(-0.12, 0.12, (128, 2))
-    env.perturb({"object_offset": offset, "start_offset": rng.uniform(-0.15, 0.15, (128, 7))}, rng)
+    env.randomize({"object_offset": offset, "start_offset": rng.uniform(-0.15, 0.15, (128, 7))}, rng)
     env.reset(everyone(env), np.zeros(128, dtype=np.int64))
     aside = np.abs(env.arms.object_pose[:, :2] - TASK.box_start - offset).max(axis=1) > 1e-9
     assert 0 < aside.mean() <= share, "the others start where they were drawn"
@@ -132,7 +132,7 @@ def test_the_recipes_friction_acts(friction: float) -> None:
 
 def test_friction_of_the_robot_at_hand_acts_in_its_own_simulation() -> None:
     env = push_env(TASK, 3)
-    env.perturb({"contact_friction": np.array([0.5, 1.0, 1.4])}, np.random.default_rng(0))
+    env.randomize({"contact_friction": np.array([0.5, 1.0, 1.4])}, np.random.default_rng(0))
     env.reset(everyone(env), np.zeros(3, dtype=np.int64))
     env.arms.object_velocity[:, 1] = 0.4
     gone = still(env, 20)[-1, :, 1]
@@ -207,7 +207,7 @@ def test_a_lost_box_ends_the_episode_and_lies_at_the_start_again(
 def test_pushing_fast_is_not_throwing() -> None:
     env = sliding([0.9])
     still(env, 10)
-    assert env.judged()[0, 1] > 0.05
+    assert env.achieved_goal()[0, 1] > 0.05
 
 
 # box, target, point behind the box; the box is 6 cm wide, so the point lies 4.5 cm from its centre, and slantwise more
@@ -225,7 +225,7 @@ def test_the_point_behind_the_box_is_on_its_far_side_from_the_goal(
     box: tuple[float, float], target: tuple[float, float], behind: tuple[float, float]
 ) -> None:
     env = push_env(TASK, 1)
-    env.arms.object_pose[:, :2], env.target[:, :2] = box, target
+    env.arms.object_pose[:, :2], env.desired_goal[:, :2] = box, target
     np.testing.assert_allclose(env.behind(), [[*behind, 0.03]], atol=1e-9)
 
 
@@ -246,7 +246,7 @@ def test_what_the_distances_earn(distance: float, finger: float, reward: float) 
     env = push_env(TASK, 1)
     # the box so that the finger is 4.5 cm west of it, and `finger` below; the goal east of it
     env.arms.object_pose[:, :3] = env.arms.gripper_position + np.array([0.045, 0, finger])
-    env.target[:, :2] = env.arms.object_pose[:, :2] + np.array([distance, 0])
+    env.desired_goal[:, :2] = env.arms.object_pose[:, :2] + np.array([distance, 0])
     if distance:
         assert np.linalg.norm(env.arms.gripper_position - env.behind()) == pytest.approx(finger)
     assert env.reward() == pytest.approx([reward])
@@ -254,7 +254,7 @@ def test_what_the_distances_earn(distance: float, finger: float, reward: float) 
 
 def test_to_lose_the_box_is_worse_than_never_to_touch_it_wherever_the_shipped_recipes_start_it() -> None:
     env = push_env(TASK, 4)
-    env.perturb({"object_offset": np.full((4, 2), 0.12) * [[1, 1], [-1, 1], [1, -1], [-1, -1]]}, np.random.default_rng(0))
+    env.randomize({"object_offset": np.full((4, 2), 0.12) * [[1, 1], [-1, 1], [1, -1], [-1, -1]]}, np.random.default_rng(0))
     discount = load_recipe("push").training.discount
     for skill in range(4):
         env.reset(everyone(env), np.full(4, skill))
@@ -282,10 +282,10 @@ LEANING = [(0.06, 0.012, 0.0), (0.06, 0.004, 0.06), (0.06, -0.001, 0.11), (0.02,
 @pytest.mark.parametrize(("box", "finger", "cost"), LEANING)
 def test_a_finger_has_to_keep_off_its_own_table(box: float, finger: float, cost: float) -> None:
     env = push_env(TASK.model_copy(update={"box_size": (0.06, 0.06, box)}), 2)
-    env.arms.place(everyone(env), np.tile(LOW, (2, 1)), env.place_object(everyone(env)))
+    env.arms.reset_to(everyone(env), np.tile(LOW, (2, 1)), env.place_object(everyone(env)))
     height = float(env.arms.gripper_position[0, 2])
-    env.perturb({"table_height": np.array([0.0, height - finger])}, np.random.default_rng(0))
-    env.arms.place(everyone(env), np.tile(LOW, (2, 1)), env.place_object(everyone(env)))
+    env.randomize({"table_height": np.array([0.0, height - finger])}, np.random.default_rng(0))
+    env.arms.reset_to(everyone(env), np.tile(LOW, (2, 1)), env.place_object(everyone(env)))
     env.arms.object_pose[:, 2] = height  # as high as the finger in both: how far it is from behind is the same
     high, low = env.reward()
     assert high - low == pytest.approx(cost)
@@ -295,13 +295,13 @@ def test_pressing_down_costs_from_two_weights_of_the_box_to_ten(monkeypatch: pyt
     weight = 0.3 * GRAVITY
     forces = np.array([[0, 0, 0], [0, 0, -2.0], [0, 0, -6.0], [50, 0, 0], [0, 9, -10], [0, 0, -300], [0, 0, 20]]) * weight
     env = push_env(TASK, len(forces))
-    monkeypatch.setattr(Arms, "contact_force", forces)
+    monkeypatch.setattr(ArmBatch, "contact_force", forces)
     np.testing.assert_allclose(env.reward()[0] - env.reward(), [0, 0, 0.15, 0, 0.3, 0.3, 0], atol=1e-3)
 
 
 def test_the_force_on_what_the_arm_touches_is_that_of_its_contacts() -> None:
     env = push_env(TASK, 2)
-    env.arms.place(everyone(env), np.array([BESIDE, SAWYER.start("push")]), env.place_object(everyone(env)))
+    env.arms.reset_to(everyone(env), np.array([BESIDE, SAWYER.start("push")]), env.place_object(everyone(env)))
     for t in range(60):  # the first arm leans on the table, and comes to rest
         env.step(np.array([[0, 0.5 * (t < 20), 0, 0, 0, 0, 0], np.zeros(7)]))
     data = mujoco.MjData(env.arms.model)
@@ -333,34 +333,34 @@ def test_goals_are_displacements_from_the_nominal_start() -> None:
     env = push_env(PushTask(box_start=(0.55, 0.1), goals=((0.15, 0), (0, -0.1)), names=()), 2)
     env.reset(everyone(env), np.array([1, 0]))
     np.testing.assert_allclose(env.goals, [[0.7, 0.1, 0], [0.55, 0, 0]])
-    np.testing.assert_allclose(env.target, [[0.55, 0, 0], [0.7, 0.1, 0]])
+    np.testing.assert_allclose(env.desired_goal, [[0.55, 0, 0], [0.7, 0.1, 0]])
 
 
 def test_the_box_is_judged_in_the_plane_and_seen_from_the_finger() -> None:
     env = push_env(TASK, 1)
     env.arms.object_pose[0, :3] = [0.62, 0.05, 0.04]
-    assert env.judged().tolist() == [[0.62, 0.05, 0]]
+    assert env.achieved_goal().tolist() == [[0.62, 0.05, 0]]
     gripper = env.arms.gripper_position[0].copy()
     np.testing.assert_allclose(env.observe()[0, 7:], gripper - [0.62, 0.05, 0.04], atol=1e-6)
-    np.testing.assert_allclose(env.landmarks(), [[[0.62, 0.05, 0], gripper]])
+    np.testing.assert_allclose(env.keypoints(), [[[0.62, 0.05, 0], gripper]])
     assert env.snapshot()["object_pose"].tolist() == [[0.62, 0.05, 0.04, 1, 0, 0, 0]]
 
 
 def perturbed(num: int, **parameters: Any) -> PushEnvironment:
     env = push_env(TASK, num, delay="latency" in parameters)
-    env.perturb({name: np.array(values) for name, values in parameters.items()}, np.random.default_rng(0))
+    env.randomize({name: np.array(values) for name, values in parameters.items()}, np.random.default_rng(0))
     env.reset(everyone(env), np.zeros(num, dtype=np.int64))
     return env
 
 
 def test_a_box_may_start_elsewhere_and_the_goal_stays() -> None:
     env = perturbed(2, object_offset=[[0.1, -0.05], [0, 0]])
-    np.testing.assert_allclose(env.judged(), [[0.7, -0.05, 0], [0.6, 0, 0]])
-    np.testing.assert_allclose(env.target, [[0.75, 0, 0], [0.75, 0, 0]])
+    np.testing.assert_allclose(env.achieved_goal(), [[0.7, -0.05, 0], [0.6, 0, 0]])
+    np.testing.assert_allclose(env.desired_goal, [[0.75, 0, 0], [0.75, 0, 0]])
     env.arms.object_pose[0, 0] = 1.3
     while not env.step(np.zeros((2, 7))).terminated[0]:
         pass
-    np.testing.assert_allclose(env.judged()[0], [0.7, -0.05, 0], err_msg="a lost one comes back to its own start")
+    np.testing.assert_allclose(env.achieved_goal()[0], [0.7, -0.05, 0], err_msg="a lost one comes back to its own start")
 
 
 def test_a_box_stands_on_a_higher_or_lower_table_and_rests_there() -> None:
@@ -380,15 +380,15 @@ def test_the_arm_may_start_elsewhere_and_the_box_does_not_follow() -> None:
     env = perturbed(2, start_offset=offset)
     np.testing.assert_allclose(env.arms.joint_position - np.array(SAWYER.start("push")), offset, atol=1e-12)
     assert env.arms.gripper_position[1, 1] == pytest.approx(0.6 * 0.1, rel=0.1)
-    np.testing.assert_allclose(env.judged(), [[0.6, 0, 0]] * 2)
+    np.testing.assert_allclose(env.achieved_goal(), [[0.6, 0, 0]] * 2)
 
 
 def test_a_heavier_box_has_its_own_mass_in_its_own_simulation() -> None:
     env = perturbed(2, object_mass=[1.0, 10.0])
-    env.arms.place(everyone(env), np.tile(BESIDE, (2, 1)), env.place_object(everyone(env)))
+    env.arms.reset_to(everyone(env), np.tile(BESIDE, (2, 1)), env.place_object(everyone(env)))
     for _ in range(12):
         env.step(np.tile([0.5, 0, 0, 0, 0, 0, 0], (2, 1)))
-    light, heavy = env.judged()[:, 1]
+    light, heavy = env.achieved_goal()[:, 1]
     assert light > heavy > 0.03
 
 
@@ -408,14 +408,14 @@ def test_the_value_function_may_know_goal_box_approach_and_robot() -> None:
 
 def test_the_policy_sees_neither_speed_nor_goal_nor_robot() -> None:
     env, other = push_env(TASK, 1), perturbed(1, contact_friction=[0.5], object_mass=[2.0])
-    other.target[:, 1] = 0.3
+    other.desired_goal[:, 1] = 0.3
     other.arms.object_velocity[:] = 0.1
     np.testing.assert_array_equal(env.observe(), other.observe())
 
 
 def test_where_the_box_is_follows_from_what_the_paper_observes_and_is_shown_where_the_task_says_so() -> None:
     seeing = push_env(PushTask(observe_place=True, observe_command=True), 2)
-    seeing.perturb({"object_offset": np.array([[0.1, -0.05], [0, 0]])}, np.random.default_rng(0))
+    seeing.randomize({"object_offset": np.array([[0.1, -0.05], [0, 0]])}, np.random.default_rng(0))
     seeing.reset(everyone(seeing), np.zeros(2, dtype=int))
     assert (push_env(TASK, 1).observation_size, seeing.observation_size) == (10, 19)
     for _ in range(3):
@@ -427,7 +427,7 @@ def test_where_the_box_is_follows_from_what_the_paper_observes_and_is_shown_wher
 
 def test_the_place_of_the_box_is_shown_as_late_and_as_wrong_as_the_sensors_tell_it() -> None:
     env = push_env(PushTask(observe_place=True), 1)
-    env.perturb({"observation_latency": np.array([0.1])}, np.random.default_rng(0))
+    env.randomize({"observation_latency": np.array([0.1])}, np.random.default_rng(0))
     env.reset(everyone(env), np.zeros(1, dtype=int))
     env.arms.object_velocity[:, 1] = 0.5
     places = [env.arms.object_pose[0, :2].copy()]
@@ -437,11 +437,11 @@ def test_the_place_of_the_box_is_shown_as_late_and_as_wrong_as_the_sensors_tell_
     np.testing.assert_allclose(seen[0, 10:12], places[-3], atol=1e-6)
     assert places[-1][1] - places[-3][1] > 1e-3
     noisy = push_env(PushTask(observe_place=True), 64)
-    noisy.perturb({"position_noise": np.full(64, 0.01)}, np.random.default_rng(0))
+    noisy.randomize({"position_noise": np.full(64, 0.01)}, np.random.default_rng(0))
     noisy.reset(everyone(noisy), np.zeros(64, dtype=int))
     off = noisy.observe()[:, 10:12] - noisy.arms.object_pose[:, :2]
     assert off.std() == pytest.approx(0.01, rel=0.2)
-    np.testing.assert_allclose(off, noisy.look().judged[:, :2] - noisy.arms.object_pose[:, :2], atol=1e-6)
+    np.testing.assert_allclose(off, noisy.estimate_state().achieved_goal[:, :2] - noisy.arms.object_pose[:, :2], atol=1e-6)
 
 
 def test_a_box_that_lies_still_is_seen_to_lie_still_however_late_the_sensors_are_and_the_arm_moves() -> None:
@@ -449,7 +449,7 @@ def test_a_box_that_lies_still_is_seen_to_lie_still_however_late_the_sensors_are
     for _ in range(6):
         env.step(np.tile([1.0, 0, 0, 0, 0, 0, 0], (2, 1)))
     assert np.linalg.norm(env.arms.gripper_position[0, :2] - [0.65, 0]) > 0.05
-    np.testing.assert_allclose(env.look().judged, env.judged(), atol=1e-6)
+    np.testing.assert_allclose(env.estimate_state().achieved_goal, env.achieved_goal(), atol=1e-6)
 
 
 def test_a_moving_box_is_seen_where_it_was() -> None:
@@ -459,8 +459,8 @@ def test_a_moving_box_is_seen_where_it_was() -> None:
     for _ in range(3):
         env.step(np.zeros((1, 7)))
         poses.append(env.arms.object_pose[0].copy())
-    seen = env.look()
-    assert seen.judged[0, 1] == pytest.approx(poses[-3][1], abs=1e-6)
+    seen = env.estimate_state()
+    assert seen.achieved_goal[0, 1] == pytest.approx(poses[-3][1], abs=1e-6)
     np.testing.assert_allclose(seen.state[0, -4:], poses[-3][3:], atol=1e-6)
     assert poses[-1][1] - poses[-3][1] > 1e-3 and poses[-1][6] - poses[-3][6] > 1e-3
 
@@ -470,7 +470,7 @@ def test_a_box_that_leans_is_imagined_leaning_and_one_that_lies_is_imagined_flat
     seen, half = push_env(TASK, 1), np.radians(degrees) / 2
     seen.arms.object_pose[:, 3:] = [np.cos(half), np.sin(half), 0, 0]
     planner = push_env(TASK, 2)
-    planner.imagine(np.array([1]), seen.look().state)
+    planner.set_estimated_state(np.array([1]), seen.estimate_state().state)
     assert np.degrees(np.arccos(planner._up()[1, 2])) == pytest.approx(imagined, abs=1e-3)
     assert planner._sunk()[1] == pytest.approx(0, abs=1e-9), "its lowest corner is on the table"
 
@@ -480,10 +480,10 @@ def test_a_box_on_a_tilted_table_is_imagined_flat_on_the_planners_own() -> None:
     about_z = np.array([[np.cos(0.2), 0, 0, np.sin(0.2)]])
     seen.arms.object_pose[:, 3:] = turned(seen.arms.object_pose[:, 3:], about_z)
     planner = push_env(TASK, 2)
-    planner.imagine(np.array([1]), seen.look().state)
+    planner.set_estimated_state(np.array([1]), seen.estimate_state().state)
     assert planner.arms.object_pose[1, 2] == pytest.approx(0.03) and depth(planner, 1) < 1e-9
     w, x, y, z = planner.arms.object_pose[1, 3:]
     assert (x, y) == (0, 0) and 2 * np.arctan2(z, w) == pytest.approx(0.4)
-    start = planner.judged()[1]
+    start = planner.achieved_goal()[1]
     planner.step(np.zeros((2, 7)))
-    np.testing.assert_allclose(planner.judged()[1], start, atol=1e-4, err_msg="and does not slip off by itself")
+    np.testing.assert_allclose(planner.achieved_goal()[1], start, atol=1e-4, err_msg="and does not slip off by itself")

@@ -8,14 +8,14 @@ import numpy as np
 
 from skillcli.composition.plan import Plan, Segment, schedule
 from skillcli.evaluation.library import Library
-from skillcli.evaluation.rollouts import conduct
-from skillcli.evaluation.sampled_robots import Robots
+from skillcli.evaluation.rollouts import rollout_closed_loop
+from skillcli.evaluation.sampled_robots import SampledRobots
 from skillcli.kinds.compose import BrokenLimit
 from skillcli.kinds.record import point
 from skillcli.trajectories import SAFETY_LIMITS, Array, Trajectories
 
 
-def breaks(library: Library, plan: Plan, recording: Trajectories, robots: Robots) -> tuple[BrokenLimit, ...]:
+def locate_violations(library: Library, plan: Plan, recording: Trajectories, robots: SampledRobots) -> tuple[BrokenLimit, ...]:
     """Each limit that each route (an episode of the recording) breaks: for how many control steps, and where first."""
     if recording.violations is None:
         return ()
@@ -38,7 +38,7 @@ def breaks(library: Library, plan: Plan, recording: Trajectories, robots: Robots
     return tuple(found)
 
 
-def _watched(library: Library, route: Sequence[Segment], robots: Robots) -> tuple[Array, Array]:
+def _watched(library: Library, route: Sequence[Segment], robots: SampledRobots) -> tuple[Array, Array]:
     """The plan of one route once more, looked at after every control step.
 
     Returns:
@@ -56,7 +56,7 @@ def _watched(library: Library, route: Sequence[Segment], robots: Robots) -> tupl
         look()
         return latent[None, t], skill[None, t], np.array([True])
 
-    conduct(env, library.agent.act, feed, len(skill))
+    rollout_closed_loop(env, library.agent.act, feed, len(skill))
     look()
     broken[0][:] = False  # no control step ends at the start
     return np.array(broken), np.array(gripper)

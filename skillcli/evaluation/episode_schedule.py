@@ -14,7 +14,7 @@ from skillcli.trajectories import Array
 
 
 @dataclass(frozen=True)
-class Script:
+class EpisodeSchedule:
     """E episodes."""
 
     latent: Array  # (E, T, d)
@@ -28,19 +28,21 @@ class Script:
         return len(self.latent)
 
     @staticmethod
-    def of(source: Artifact, library: Library) -> Script:
+    def of(source: Artifact, library: Library) -> EpisodeSchedule:
         """The script of an artifact that holds a plan, or of the skills of any other; one episode of each route or skill."""
         if kind_spec(source.kind).holds("plan"):
             plan = Plan.read(source.arrays, library.recipe.task.control_period)
             target, route = source.arrays["waypoints/target"], source.arrays["waypoints/route"]
             waypoints = tuple(target[route == index] for index in range(len(plan.routes)))
-            return Script(*plan.schedules(), waypoints)
+            return EpisodeSchedule(*plan.schedules(), waypoints)
         horizon = library.recipe.task.horizon
         latents = np.repeat(library.mean[:, None], horizon, axis=1)
         skills = np.repeat(np.arange(len(library.mean))[:, None], horizon, axis=1)
-        return Script(latents, skills, np.full(len(latents), horizon), tuple(goal[None] for goal in library.goals))
+        return EpisodeSchedule(latents, skills, np.full(len(latents), horizon), tuple(goal[None] for goal in library.goals))
 
-    def in_turn(self, episodes: int) -> Script:
+    def in_turn(self, episodes: int) -> EpisodeSchedule:
         """Each episode again and again, until there are this many."""
         turn = np.arange(episodes) % self.episodes
-        return Script(self.latent[turn], self.skill[turn], self.steps[turn], tuple(self.waypoints[index] for index in turn))
+        return EpisodeSchedule(
+            self.latent[turn], self.skill[turn], self.steps[turn], tuple(self.waypoints[index] for index in turn)
+        )

@@ -7,55 +7,57 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from skillcli.config.randomization import Range, repeats, sample_each
+from skillcli.config.randomization import Distribution, repeats, sample_each
+from skillcli.evaluation.episode_schedule import EpisodeSchedule
 from skillcli.evaluation.library import Library
 from skillcli.evaluation.replanning import Replanner
-from skillcli.evaluation.rollouts import play, play_waypoints
-from skillcli.evaluation.script import Script
+from skillcli.evaluation.rollouts import rollout, rollout_waypoints
 from skillcli.seeding import generator
 from skillcli.simulation.domains import Domain
 from skillcli.simulation.environment import Environment
 from skillcli.tasks.world import MAX_SIMULATIONS, World, begin
 from skillcli.trajectories import Array, Trajectories
 
+OnEpisode = Callable[[int, int], None]  # told of each episode that is planned again: its number, and how many there are
+
 
 @dataclass(frozen=True)
-class Target:
+class TargetRobots:
     """A domain, with what was drawn from it for each episode."""
 
     name: str
     parameters: dict[str, Array]  # (E,) or (E, n) by name, see `skillcli.config.randomization`
-    ranges: Mapping[str, Range] = field(default_factory=dict)  # that they were drawn from
+    ranges: Mapping[str, Distribution] = field(default_factory=dict)  # that they were drawn from
     episodes: int = 1  # E
 
     @staticmethod
-    def drawn(domain: Domain, episodes: int, seed: int, joints: int) -> Target:
+    def drawn(domain: Domain, episodes: int, seed: int, joints: int) -> TargetRobots:
         """Hangs on domain and seed only: whatever is judged meets the same robots, and more episodes the same ones first."""
         rngs = [generator(seed, f"domain {domain.name} {episode}") for episode in range(episodes)]
-        return Target(domain.name, sample_each(domain.parameters, rngs, joints), domain.parameters, episodes)
+        return TargetRobots(domain.name, sample_each(domain.parameters, rngs, joints), domain.parameters, episodes)
 
     @property
     def repeats(self) -> bool:
         """Whether all episodes are the same."""
         return self.parameters.keys() <= self.ranges.keys() and repeats(self.ranges)
 
-    def first(self, episodes: int) -> Target:
+    def first(self, episodes: int) -> TargetRobots:
         """The first of its robots."""
         kept = {name: values[:episodes] for name, values in self.parameters.items()}
         return replace(self, parameters=kept, episodes=episodes)
 
-    def only(self, names: Iterable[str]) -> Target:
+    def only(self, names: Iterable[str]) -> TargetRobots:
         """The same robots, with everything but these parameters nominal."""
         kept = list(names)
         ranges = {name: self.ranges[name] for name in kept if name in self.ranges}
         return replace(self, parameters={name: self.parameters[name] for name in kept}, ranges=ranges)
 
 
-NOMINAL = Target("nominal", {})
+NOMINAL = TargetRobots("nominal", {})
 
 
 @dataclass(frozen=True)
-class Trial:
+class TransferEvaluator:
     """How episodes are played.
 
     Attributes:
@@ -78,34 +80,34 @@ class Trial:
         """
         self.world.make(1)
 
-    def run(self, script: Script, target: Target, told: Callable[[int, int], None] = lambda *_: None) -> Trajectories:
+    def run(self, script: EpisodeSchedule, target: TargetRobots, told: OnEpisode = lambda *_: None) -> Trajectories:
         """Play a script on a target, one episode each; `told` hears of every episode that is planned again."""
         if self.replanner is not None:
             return self._replan(self.replanner, script, target, told)
 
         def feed(env: Environment, part: slice) -> Trajectories:
             act, latent, skill = self.library.agent.act, script.latent[part], script.skill[part]
-            return play_waypoints(env, act, latent, skill, script.waypoints[part], script.steps[part])
+            return rollout_waypoints(env, act, latent, skill, script.waypoints[part], script.steps[part])
 
         return self._side_by_side(script.episodes, target, feed)
 
-    def replay(self, source: Trajectories, target: Target, episodes: int) -> Array:
+    def replay(self, source: Trajectories, target: TargetRobots, episodes: int) -> Array:
         """How far the judged point ends from where it ended in the source, whose actions are sent in turn, (E,) m."""
         turn = np.arange(episodes) % source.episodes
         actions = source.action / self.world.task.action_scale
 
         def send(env: Environment, part: slice) -> Trajectories:
             which = turn[part]
-            env.target[:] = source.judged[which, source.length[which]]
-            return play(env, lambda _, action: action, actions[which], source.skill[which], source.length[which])[0]
+            env.desired_goal[:] = source.achieved_goal[which, source.length[which]]
+            return rollout(env, lambda _, action: action, actions[which], source.skill[which], source.length[which])[0]
 
         sent = self._side_by_side(episodes, target, send)
-        end = sent.judged[np.arange(episodes), sent.length]
-        error: Array = np.linalg.norm(end - source.judged[turn, source.length[turn]], axis=1)
+        end = sent.achieved_goal[np.arange(episodes), sent.length]
+        error: Array = np.linalg.norm(end - source.achieved_goal[turn, source.length[turn]], axis=1)
         return error
 
     def _side_by_side(
-        self, episodes: int, target: Target, play_part: Callable[[Environment, slice], Trajectories]
+        self, episodes: int, target: TargetRobots, play_part: Callable[[Environment, slice], Trajectories]
     ) -> Trajectories:
         recordings = []
         for first in range(0, episodes, MAX_SIMULATIONS):
@@ -116,7 +118,7 @@ class Trial:
             recordings.append(play_part(self.world.stand(skill, parameters, sensors), part))
         return Trajectories.join(recordings)
 
-    def _replan(self, replanner: Replanner, script: Script, target: Target, told: Callable[[int, int], None]) -> Trajectories:
+    def _replan(self, replanner: Replanner, script: EpisodeSchedule, target: TargetRobots, told: OnEpisode) -> Trajectories:
         steps, recordings = replanner.problem.steps(replanner.recipe.transfer.replan_seconds), []
         env = self.world.make(1, delay="latency" in target.parameters)
         for episode, waypoints in enumerate(script.waypoints):

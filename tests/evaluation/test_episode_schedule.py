@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from skillcli.evaluation.script import Script
+from skillcli.evaluation.episode_schedule import EpisodeSchedule
 
 # Two episodes of three steps, the second only two long, in a latent space of one dimension.
 LATENT = np.array([[[1.0], [2.0], [3.0]], [[4.0], [5.0], [6.0]]])
 SKILL = np.array([[0, 0, 1], [2, 2, 2]])
 WAYPOINTS = (np.zeros((2, 3)), np.ones((1, 3)))
-SCRIPT = Script(LATENT, SKILL, np.array([3, 2]), WAYPOINTS)
+SCRIPT = EpisodeSchedule(LATENT, SKILL, np.array([3, 2]), WAYPOINTS)
 
 
 def test_episodes_come_in_turn_until_there_are_as_many_as_asked_for() -> None:
