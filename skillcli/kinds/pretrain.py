@@ -32,6 +32,15 @@ class EmbeddingQuality(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ObservedTerm(Record):
+    """One quantity of what the policy sees; they stand behind each other in this order."""
+
+    name: str
+    unit: str
+    size: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class Randomised(Record):
     """The mean latents on robots and from starts as varied as in training."""
 
@@ -50,6 +59,7 @@ class PretrainResults(Record):
     skills: tuple[TrainedSkill, ...]
     embedding: EmbeddingQuality
     randomised: Randomised | None = unsaid(None, null=True)  # None: nothing was varied
+    observation: tuple[ObservedTerm, ...] = unsaid(())  # empty: an older one, which does not say
 
 
 @dataclass(frozen=True, kw_only=True)

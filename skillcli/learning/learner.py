@@ -100,6 +100,7 @@ class Learner:
             "success_rate": float(near.mean()),
             "final_distance": float(finite.mean()) if len(finite) else 0.0,
         }
+        outcome |= {f"reward/{name}": value for name, value in rollout.reward_terms.items()}
         for skill in range(self.agent.skills):
             chosen = near[rollout.skill == skill]
             outcome[f"success/{skill + 1}"] = float(chosen.mean()) if len(chosen) else 0.0

@@ -27,6 +27,10 @@ class VectorEnvironment(Protocol):
     goals: Array
     desired_goal: Array
 
+    @property
+    def reward_names(self) -> tuple[str, ...]:
+        """Of the terms of the reward."""
+
     def achieved_goal(self) -> Array:
         """Where the judged points are, (N, 3) m."""
 
@@ -43,7 +47,7 @@ class VectorEnvironment(Protocol):
         """What only the value function sees, (N, p)."""
 
     def step(self, action: Array) -> Any:
-        """One control step: observation, reward, terminated, truncated."""
+        """One control step: observation, reward, terminated, truncated, reward_terms."""
 
     def randomize(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
         """Turn every simulation into a robot of its own."""
@@ -60,6 +64,7 @@ class Rollout:
     privileged: Array  # (T+1, N, p) float32
     action: Array  # (T, N, a) float32, as drawn
     reward: Array  # (T, N) the task's own
+    reward_terms: dict[str, float]  # what each term of it gave, summed over an episode, in the mean over the episodes
     terminated: Array  # (T, N) bool
     valid: Array  # (T, N) bool
     skill: Array  # (N,)
@@ -120,6 +125,7 @@ def collect(env: VectorEnvironment, agent: Agent, pool: StartPool, chained: floa
     terminated, valid = np.zeros((steps, num), dtype=bool), np.ones((steps, num), dtype=bool)
     everyone = np.arange(num)
     alive = np.ones(num, dtype=bool)
+    terms = dict.fromkeys(env.reward_names, 0.0)
     act = Actor(agent, latent)
 
     observation[0], privileged[0] = env.observe(), env.privileged()
@@ -129,6 +135,8 @@ def collect(env: VectorEnvironment, agent: Agent, pool: StartPool, chained: floa
         observation[t + 1], reward[t], terminated[t], valid[t] = step.observation, step.reward, step.terminated, alive
         privileged[t + 1] = env.privileged()
         alive &= ~step.terminated
+        for name, values in step.reward_terms.items():
+            terms[name] += float(values @ alive)
         if t in kept_moments:
             pool.add(env.save(everyone[alive]))  # nobody starts where someone failed
     seconds = time.perf_counter() - started
@@ -137,6 +145,7 @@ def collect(env: VectorEnvironment, agent: Agent, pool: StartPool, chained: floa
         privileged=privileged,
         action=action,
         reward=reward,
+        reward_terms={name: total / num for name, total in terms.items()},
         terminated=terminated,
         valid=valid,
         skill=skill,

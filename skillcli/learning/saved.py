@@ -6,7 +6,7 @@ A checkpoint lies on a disk for days, and where it does not fit, training would 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,9 +29,10 @@ _LONGEST = 1e10  # s, of a training
 _SHOWN = 60  # characters of a value
 
 
-def curve_names(skills: int) -> set[str]:
+def curve_names(skills: int, reward_names: Iterable[str]) -> set[str]:
     """Names of all learning curves."""
-    return {*COLLECTED, *UPDATED, *(f"success/{skill + 1}" for skill in range(skills))}
+    terms = (f"reward/{name}" for name in reward_names)
+    return {*COLLECTED, *UPDATED, *terms, *(f"success/{skill + 1}" for skill in range(skills))}
 
 
 def check_saved(learner: Learner, arrays: Mapping[str, Array], state: Mapping[str, Any]) -> None:
@@ -95,7 +96,10 @@ def _generator(learner: Learner, state: Mapping[str, Any]) -> Iterator[str]:
 def _arrays(learner: Learner, arrays: Mapping[str, Array], iterations: int) -> Iterator[str]:
     wanted = {f"agent/{name}": (array.shape, array.dtype) for name, array in learner.agent.arrays().items()}
     wanted |= {f"optimizer/{path}": (shape, np.dtype(np.float32)) for path, shape in _slots(learner).items()}
-    wanted |= {f"curves/{name}": ((iterations,), np.dtype(float)) for name in curve_names(learner.agent.skills)}
+    wanted |= {
+        f"curves/{name}": ((iterations,), np.dtype(float))
+        for name in curve_names(learner.agent.skills, learner.env.reward_names)
+    }
     if different := sorted(wanted.keys() ^ (arrays.keys() - {"pool"})):
         yield f"{different[0]} is {'missing' if different[0] in wanted else 'not part of it'}"
         return

@@ -14,7 +14,7 @@ from skillcli.simulation import disturbance, sensors
 from skillcli.simulation.arms import ArmBatch
 from skillcli.simulation.chance import Rng
 from skillcli.simulation.disturbance import Disturbance
-from skillcli.simulation.environment import Array, ObservationTerm, RewardTerms, StateEstimate, Step, total_reward
+from skillcli.simulation.environment import Array, ObservationTerm, RewardTerms, StateEstimate, Step, signed, total_reward
 from skillcli.simulation.safety import RANGE_TOLERANCE, STIFF_TABLE_TOLERANCE, Clearance
 from skillcli.simulation.sensors import Sensors
 from skillcli.simulation.settings import ArmTask
@@ -110,6 +110,11 @@ class ArmEnvironment:
     def reward_terms(self) -> RewardTerms:
         """What the present state earns and costs, by name, weighted, (N,) each."""
         raise NotImplementedError
+
+    @property
+    def reward_names(self) -> tuple[str, ...]:
+        """See `Environment`."""
+        return tuple(signed(self.reward_terms()))
 
     def reward(self) -> Array:
         """The task's reward for the present state, (N,)."""
@@ -209,8 +214,9 @@ class ArmEnvironment:
             self._sensors.advance(self._true())
             if failed.any():
                 self._sensors.begin(np.flatnonzero(failed), self._true()[failed])
-        reward = np.where(failed, self.failure_reward, self.reward())
-        return Step(self.observe(), reward, failed, self._elapsed >= self.horizon)
+        terms = self.reward_terms()
+        reward = np.where(failed, self.failure_reward, total_reward(terms))
+        return Step(self.observe(), reward, failed, self._elapsed >= self.horizon, signed(terms))
 
     def wake(self, ids: Array | None) -> None:
         """See `Environment`."""

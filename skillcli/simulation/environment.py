@@ -13,7 +13,10 @@ from skillcli.robots.robot import Robot
 from skillcli.simulation.chance import Rng
 from skillcli.trajectories import SAFETY_LIMITS, Array
 
-__all__ = ["SAFETY_LIMITS", "Array", "Environment", "ObservationTerm", "RewardTerms", "StateEstimate", "Step", "total_reward"]
+__all__ = [
+    "SAFETY_LIMITS", "Array", "Environment", "ObservationTerm", "RewardTerms", "StateEstimate", "Step", "signed",
+    "total_reward",
+]  # fmt: skip
 
 
 class Step(NamedTuple):
@@ -23,6 +26,7 @@ class Step(NamedTuple):
     reward: NDArray[Any]  # (N,) the task's own reward
     terminated: NDArray[Any]  # (N,) bool: failed for good, an unstable simulation say
     truncated: NDArray[Any]  # (N,) bool: out of time
+    reward_terms: Mapping[str, NDArray[Any]]  # (N,) each, by name: what the reward is the sum of, where nothing failed
 
 
 class ObservationTerm(NamedTuple):
@@ -38,6 +42,11 @@ class RewardTerms(NamedTuple):
 
     earned: dict[str, NDArray[Any]]
     costs: dict[str, NDArray[Any]]
+
+
+def signed(terms: RewardTerms) -> dict[str, NDArray[Any]]:
+    """All terms by name, costs below zero, (N,) each."""
+    return {**terms.earned, **{name: -cost for name, cost in terms.costs.items()}}
 
 
 def total_reward(terms: RewardTerms) -> NDArray[Any]:
@@ -69,6 +78,10 @@ class Environment(Protocol):
     desired_goal: Array  # (N, 3) m, the goal that the reward looks at
     applied: Array  # (N, a) the last step's action as it was commanded, clipped to the action limit, rad or m
     unstable: Array  # (N,) bool: whose last step ended in a state that is not finite or not of this world
+
+    @property
+    def reward_names(self) -> tuple[str, ...]:
+        """Of the terms of the reward."""
 
     def reset(self, ids: Array, skill: Array) -> None:
         """Put these simulations at the start, with the goals of these skills (n,), and their clocks at zero."""

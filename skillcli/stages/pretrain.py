@@ -20,7 +20,15 @@ from skillcli.evaluation.library import skill_names
 from skillcli.evaluation.rollouts import rollout
 from skillcli.kinds import PRETRAIN
 from skillcli.kinds.outcome import Distances
-from skillcli.kinds.pretrain import EmbeddingQuality, PretrainMeasured, PretrainResults, Randomised, Throughput, TrainedSkill
+from skillcli.kinds.pretrain import (
+    EmbeddingQuality,
+    ObservedTerm,
+    PretrainMeasured,
+    PretrainResults,
+    Randomised,
+    Throughput,
+    TrainedSkill,
+)
 from skillcli.kinds.record import point
 from skillcli.learning.agent import Agent
 from skillcli.learning.learner import Learner
@@ -284,6 +292,7 @@ def _results(recipe: Recipe, learner: Learner, evaluation: Evaluation, randomise
             efficiency=metrics.embedding_efficiency(mean, std),
         ),
         randomised=randomised,
+        observation=tuple(ObservedTerm(**term._asdict()) for term in World.of(recipe).observation_terms),
     )
 
 

@@ -14,7 +14,7 @@ from skillcli.errors import UsageError
 from skillcli.robots.robot import Robot, load_robot
 from skillcli.robots.scene import fingerprint
 from skillcli.simulation.chance import Rng
-from skillcli.simulation.environment import Array, Environment
+from skillcli.simulation.environment import Array, Environment, ObservationTerm
 from skillcli.simulation.settings import TaskSettings
 from skillcli.tasks.goals import typed
 from skillcli.tasks.registry import find_task
@@ -110,6 +110,11 @@ class World:
     def sizes(self) -> tuple[int, int, int]:
         """Sizes of observation, action and of what only the value function sees, without a simulation."""
         return sizes(self.task, self.joints)
+
+    @property
+    def observation_terms(self) -> tuple[ObservationTerm, ...]:
+        """What the policy sees, in order."""
+        return self.spec.environment().observation_terms(self.task, self.joints)
 
     def model(self) -> mujoco.MjModel | None:
         """The MuJoCo model, None where no engine simulates the task."""

@@ -155,7 +155,7 @@ def test_the_state_of_another_seed_is_refused() -> None:
 
 
 def test_every_curve_has_a_name_that_a_saved_state_must_have() -> None:
-    assert run(learner(), 1).curves.keys() == curve_names(4)
+    assert run(learner(), 1).curves.keys() == curve_names(4, ["distance"])
 
 
 def test_exploration_that_comes_down_is_not_the_policys_own_change() -> None:
@@ -364,3 +364,10 @@ def test_the_value_function_sees_what_is_privileged_and_the_policy_does_not() ->
     te_ppo.update(batch, trained.agent, trained.optimizers, recipe.training, 0.0, trained.rng)
     weight = next(trained.agent.value.parameters())
     assert weight.grad is not None and float(weight.grad[:, 2].abs().max()) > 0, "behind the two numbers observed"
+
+
+def test_every_term_of_the_reward_is_a_curve_and_together_they_are_the_return() -> None:
+    trained = run(learner(), 3)
+    terms = [np.array(values) for name, values in trained.curves.items() if name.startswith("reward/")]
+    assert len(terms) == 1 and terms[0].shape == (3,)
+    np.testing.assert_allclose(sum(terms), trained.curves["return"], rtol=1e-5)

@@ -130,7 +130,8 @@ def test_what_is_returned_shares_no_memory_with_the_simulation(task: Task) -> No
 
     def given(step: Step) -> list[Array]:
         places = [env.achieved_goal(), env.keypoints(), env.save(np.arange(3)), *env.snapshot().values()]
-        return [*step, env.observe(), env.privileged(), *places]
+        *arrays, terms = step
+        return [*arrays, *terms.values(), env.observe(), env.privileged(), *places]
 
     for action in actions[:2]:
         twin.step(action)

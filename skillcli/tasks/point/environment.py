@@ -23,6 +23,7 @@ class PointEnvironment:
     observation_size = 2
     action_size = 2
     privileged_size = 0
+    reward_names = ("distance",)
     privileged_terms: ClassVar[tuple[ObservationTerm, ...]] = ()
     recorded: ClassVar[Mapping[str, int]] = {"position": 2}
 
@@ -84,7 +85,8 @@ class PointEnvironment:
         np.clip(self._position + self.applied, -self._bound, self._bound, out=self._position)
         self._elapsed += 1
         reward = -np.linalg.norm(self._position - self.desired_goal[:, :2], axis=1)
-        return Step(self.observe(), reward, np.zeros(self.num, dtype=bool), self._elapsed >= self.horizon)
+        failed = np.zeros(self.num, dtype=bool)
+        return Step(self.observe(), reward, failed, self._elapsed >= self.horizon, {"distance": reward.copy()})
 
     def estimate_state(self) -> StateEstimate:
         """See `Environment`."""

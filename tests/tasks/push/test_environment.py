@@ -487,3 +487,14 @@ def test_a_box_on_a_tilted_table_is_imagined_flat_on_the_planners_own() -> None:
     start = planner.achieved_goal()[1]
     planner.step(np.zeros((2, 7)))
     np.testing.assert_allclose(planner.achieved_goal()[1], start, atol=1e-4, err_msg="and does not slip off by itself")
+
+
+def test_the_terms_of_the_reward_add_up_to_it_and_costs_are_below_zero() -> None:
+    env = push_env(TASK, 8)
+    for action in np.random.default_rng(2).uniform(-1, 1, (12, 8, 7)):
+        step = env.step(action)
+    assert tuple(step.reward_terms) == env.reward_names
+    assert env.reward_names == ("goal", "approach", "near", "struck", "tipping", "low", "pressed")
+    fine = ~step.terminated
+    np.testing.assert_allclose(sum(step.reward_terms.values())[fine], step.reward[fine], atol=1e-12)
+    assert all((step.reward_terms[name] <= 0).all() for name in ("goal", "struck", "tipping", "low", "pressed"))
