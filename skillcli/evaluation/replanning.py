@@ -1,6 +1,7 @@
 """Closed loop over segments: look at the target after each one, plan again from what is seen, and go on from there.
 
-How late the target obeys is told from how it moved; the next plan is made for a robot that obeys as late.
+How late the target obeys is told from how it moved; the next plan is made for a robot that obeys as late. A box that begins to
+tip ends the segment: see `reflex`.
 """
 
 from __future__ import annotations
@@ -22,10 +23,12 @@ from skillcli.errors import UsageError
 from skillcli.evaluation.identification import Identification
 from skillcli.evaluation.library import Library
 from skillcli.evaluation.planning import problem_of
+from skillcli.evaluation.reflex import Reflex
 from skillcli.evaluation.rollouts import met, rollout_closed_loop
 from skillcli.evaluation.sampled_robots import SampledRobots
 from skillcli.recipe import Recipe
 from skillcli.seeding import generator
+from skillcli.simulation.arm_environment import ArmEnvironment
 from skillcli.simulation.environment import Environment, StateEstimate
 from skillcli.trajectories import Array, Trajectories
 
@@ -101,6 +104,9 @@ class Replanner:
             several = SampledRobots({"latency": np.zeros(len(FRICTION)), "contact_friction": FRICTION}, len(FRICTION))
             self._others = several.simulations(library.world, len(self._choices.latent))
             self._elsewhere = LatentEnvironment(self._others, self.act, len(FRICTION), KEPT)
+        self.reflex: Reflex | None = None
+        if isinstance(self._simulations, ArmEnvironment) and self._simulations.violations().shape[1] > UNBREAKABLE:
+            self.reflex = Reflex(self._simulations)
         self._reckless = LatentEnvironment(self._simulations, self.act)
         self._longest = problem.steps(longest)
 
@@ -117,10 +123,14 @@ class Replanner:
         self._known.begin()
         self._assume(self._known.lateness)
         mission = ReplannedEpisode(self, target, waypoints, round(PATIENCE * steps), generator(seed, "replanning"))
-        recording, _ = rollout_closed_loop(target, self.act, mission.feed, steps)
+        recording, _ = rollout_closed_loop(target, mission.act, mission.feed, steps)
         if mission.gave_up():
             recording = replace(recording, gave_up=np.ones(1, dtype=bool))
         return recording.with_success(recording.success & met(recording, [waypoints], target.tolerance))
+
+    def let_go(self, seen: StateEstimate) -> Array | None:
+        """What lets go of a box that begins to tip, (1, J); None where nothing does."""
+        return None if self.reflex is None else self.reflex.action(seen, self._known.sag)
 
     @property
     def goal_tolerance(self) -> float:
@@ -211,6 +221,16 @@ class ReplannedEpisode:
         self._begun: Array = np.zeros((1, 0))  # what was seen when the segment began
         self._applied: list[Array] = []
         self._measured: list[Array] = []  # since then, behind each step
+        self._letting_go: Array | None = None  # (1, J) what is done instead of what the policy would
+        if replanner.reflex is not None:
+            replanner.reflex.begin(target.estimate_state())
+
+    def act(self, observation: Array, latent: Array) -> Array:
+        """What the policy does, unless the box begins to tip."""
+        if self._letting_go is not None:
+            return self._letting_go
+        action: Array = self._replanner.act(observation, latent)
+        return action
 
     def feed(self, _: int, failed: Array) -> tuple[Array, Array, Array] | None:
         """See `rollout_closed_loop`."""
@@ -219,9 +239,13 @@ class ReplannedEpisode:
             return None
         seen = self._target.estimate_state()
         self._path.append(seen.achieved_goal[0])
-        if len(self._path) > 1:
+        if len(self._path) > 1 and self._letting_go is None:
             self._applied.append(self._target.applied[0].copy())
             self._measured.append(seen.state[0, : self._target.joints])
+        self._letting_go = self._replanner.let_go(seen)
+        if self._letting_go is not None:  # no latent is held, and a new plan begins behind it
+            self._prospect, self._left, self._applied, self._measured = None, 0, [], []
+            return np.zeros((1, self._replanner.problem.mean.shape[1])), np.array([-1]), np.array([True])
         if self._arrived():
             return None
         if self._left == 0 and not self._go_on(seen):

@@ -233,7 +233,8 @@ class ArmEnvironment:
         commands = [commands[0]] * (REMEMBERED + 1 - len(commands)) + commands
         object_pose = self.object_seen()
         parts = (self._measured[:, : self.action_size], velocity, *commands, *(() if object_pose is None else (object_pose,)))
-        return StateEstimate(np.concatenate(parts, axis=1), self.estimate_achieved_goal(object_pose))
+        state = np.concatenate(parts, axis=1)
+        return StateEstimate(state, self.estimate_achieved_goal(object_pose), self.estimate_tilt(object_pose))
 
     def object_seen(self) -> Array | None:
         """Pose of the object as a camera shows it, (N, J), None without one."""
@@ -242,6 +243,14 @@ class ArmEnvironment:
     def estimate_achieved_goal(self, object_pose: Array | None) -> Array:
         """Where the judged point seems to be, (N, 3) m."""
         return self._measured[:, self.action_size :].astype(float)
+
+    def estimate_tilt(self, object_pose: Array | None) -> Array:
+        """How the object seems to lean, (N, 2), see `StateEstimate`."""
+        return np.zeros((self.num, 2))
+
+    def room(self) -> Array:
+        """From the middles of the fingers to the objects, (N,) m; infinite without one."""
+        return np.full(self.num, np.inf)
 
     def set_estimated_state(self, ids: Array, state: Array, sag: Array | None = None) -> None:
         """See `Environment`."""

@@ -21,6 +21,8 @@ _NEW_STATE = int(mujoco.mjtStage.mjSTAGE_VEL)
 OBJECT = "box"
 CONTACT_FORCE = "contact_force"  # the sensor of what touches the arm, in scenes that have one
 
+LEVER_DAMPING = 0.03  # m/rad: levers that are shorter count less and less
+
 # A simulation beyond these is unstable: whole turns of a joint or hundreds of metres, and speeds of another world.
 _FARTHEST, _FASTEST = 100.0, 1000.0
 
@@ -286,10 +288,22 @@ class ArmBatch:
 
     def reported_shift(self, offset: Array) -> Array:
         """How far the gripper position computed from joint angles is off that are off by (N, J) rad, (N, 3) m; first order."""
+        shift: Array = np.einsum("nj,njk->nk", offset, self._lever())
+        return shift
+
+    def turns_towards(self, shift: Array) -> Array:
+        """The smallest turns of the joints, (N, J) rad, that move the grippers by (N, 3) m; first order, damped."""
+        lever = self._lever()
+        across = lever.transpose(0, 2, 1) @ lever + LEVER_DAMPING**2 * np.eye(3)
+        turn: Array = (lever @ np.linalg.solve(across, shift[:, :, None]))[:, :, 0]
+        return turn
+
+    def _lever(self) -> Array:
+        """How the grippers move as each joint turns, (N, J, 3) m/rad."""
         joints = [self.model.joint(name).id for name in self.names.joints]
         axis, anchor = self.batch.bind("xaxis")[:, joints], self.batch.bind("xanchor")[:, joints]
-        shift: Array = np.einsum("nj,njk->nk", offset, np.cross(axis, self._site[:, None] - anchor))
-        return shift
+        lever: Array = np.cross(axis, self._site[:, None] - anchor)
+        return lever
 
     def unstable(self) -> Array:
         """(N,) bool: whose state is no longer finite, or no longer of this world."""

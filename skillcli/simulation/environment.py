@@ -60,6 +60,7 @@ class StateEstimate(NamedTuple):
 
     state: NDArray[Any]  # (N, v), opaque: `Environment.set_estimated_state` understands it
     achieved_goal: NDArray[Any]  # (N, 3) m, where the judged point seems to be
+    tilt: NDArray[Any]  # (N, 2) which way what is pushed leans, in length the sine of how far; 0 where nothing can lean
 
 
 class Environment(Protocol):

@@ -7,15 +7,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from worlds import make, target_robot, world
+from worlds import make, push_env, target_robot, world
 
 from skillcli.cli.tables import _gave_up
 from skillcli.composition.latent_environment import LatentEnvironment
 from skillcli.evaluation.identification import Identification
+from skillcli.evaluation.reflex import Reflex
 from skillcli.evaluation.replanning import Replanner
 from skillcli.kinds.transfer_eval import DomainResults
 from skillcli.recipe import Recipe, resolve
 from skillcli.simulation.arm_environment import ArmEnvironment
+from skillcli.simulation.environment import StateEstimate
+from skillcli.tasks.push.environment import PushEnvironment
 from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.reach.settings import ReachTask
 from skillcli.trajectories import SAFETY_LIMITS, Array, Trajectories
@@ -158,6 +161,78 @@ def test_limits_that_noise_breaks_by_itself_are_left_to_the_arm() -> None:
     replanner = planning("push")
     assert isinstance(replanner._world, LatentEnvironment)
     assert set(replanner._world.limits) == {"box_pressed", "box_tipped"} < set(SAFETY_LIMITS)
+
+
+# --- a box that begins to tip ------------------------------------------------------------------------------------------
+
+
+def dragged(drag: tuple[float, float, float], reflex: Reflex | None) -> float:
+    """How far a box tips, in degrees, that a finger comes down on beside the middle of its top and then drags, m a step."""
+    env = make(PushTask(), 1, 1, delay=True)
+    assert isinstance(env, PushEnvironment)
+    env.randomize({"contact_friction": np.array([1.3]), "latency": np.array([0.05])}, np.random.default_rng(0))
+    env.reset(FIRST, FIRST)
+    above, lowest = env.arms.object_pose[0, :3] + [-0.025, 0, 0.042], 1.0
+    if reflex:
+        reflex.begin(env.estimate_state())
+    for step in range(80):
+        way = np.clip(above - env.arms.gripper_position[0], -0.02, 0.02) if step < 25 else np.array(drag)
+        answer = reflex.action(env.estimate_state(), np.zeros(7)) if reflex else None
+        env.step(env.arms.turns_towards(way[None]) / LIMIT if answer is None else answer)
+        lowest = min(lowest, float(env._up()[0, 2]))
+    return float(np.degrees(np.arccos(lowest)))
+
+
+@pytest.mark.parametrize("drag", [(-0.01, 0, -0.01), (0, 0, -0.01)])
+def test_a_finger_on_the_rim_lets_go_before_the_box_falls(drag: tuple[float, float, float]) -> None:
+    reflex = Reflex(push_env(PushTask(), 2))
+    assert dragged(drag, None) > 80 and dragged(drag, reflex) < 40
+
+
+def sighting(env: PushEnvironment, *tilt: float) -> StateEstimate:
+    """With the box leaning along x by some degrees, and turned by 0.3 rad."""
+    return env.estimate_state()._replace(tilt=np.sin(np.radians([[*tilt, 0]])))
+
+
+def test_a_lean_that_grows_is_answered_against_it_and_one_that_rests_is_not() -> None:
+    env, imagined = push_env(PushTask(), 1), push_env(PushTask(), 1)
+    reflex = Reflex(imagined)
+    for degrees, answered in ((0, False), (4, True)):  # 12 degrees are foreseen
+        reflex.begin(sighting(env, 0))
+        before = env.arms.gripper_position[0].copy()
+        assert reflex.action(sighting(env, degrees / 2), np.zeros(7)) is None
+        action = reflex.action(sighting(env, 2 * degrees), np.zeros(7))
+        assert (action is not None) == answered
+    assert action is not None
+    for _ in range(3):
+        env.step(action)
+    moved = env.arms.gripper_position[0] - before
+    assert moved[2] > 0.003 and moved[0] < -0.002, "up, and back from where it leans"
+    for _ in range(2):
+        assert reflex.action(sighting(env, 0), np.zeros(7)) is None, "it stands, and the finger is far off"
+    reflex.begin(sighting(env, 11))
+    for _ in range(3):
+        assert reflex.action(sighting(env, 11), np.zeros(7)) is None, "a table may be tilted"
+
+
+def test_a_finger_that_cannot_get_away_is_left_to_the_next_plan() -> None:
+    env = push_env(PushTask(), 1)
+    reflex = Reflex(push_env(PushTask(), 1))
+    reflex.begin(sighting(env, 0))
+    answers = [reflex.action(sighting(env, 20), np.zeros(7)) is not None for _ in range(42)]
+    assert answers == 2 * ([True] * 20 + [False])
+
+
+def test_a_box_that_begins_to_tip_ends_the_segment(monkeypatch: pytest.MonkeyPatch) -> None:
+    replanner = planning("push", transfer={"replan_budget": 2, "replan_batch": 1})
+    up, answers = np.full((1, 7), 0.25), iter([False, False, True, True])
+    assert replanner.reflex is not None
+    monkeypatch.setattr(replanner.reflex, "action", lambda *_: up if next(answers, False) else None)
+    env = make(PushTask(), 1, 1)
+    recording = replanner.episode(env, np.array([[0.75, 0.0, 0.0]]), 6, seed=0)
+    np.testing.assert_allclose(recording.action[0, 2:4], 0.25 * LIMIT, rtol=1e-5)
+    assert (recording.skill[0, 2:4] == -1).all() and (recording.latent[0, 2:4] == 0).all(), "no latent is held"
+    assert (recording.action[0, [0, 1, 4, 5]].min() != 0.25 * LIMIT) and replanner.effort.plans >= 2
 
 
 # --- when it stops, and when it gives up ------------------------------------------------------------------------------

@@ -90,7 +90,8 @@ class PointEnvironment:
 
     def estimate_state(self) -> StateEstimate:
         """See `Environment`."""
-        return StateEstimate(self._seen.astype(float), np.concatenate([self._seen, np.zeros((self.num, 1))], axis=1))
+        seen = self._seen.astype(float)
+        return StateEstimate(seen, np.pad(seen, ((0, 0), (0, 1))), np.zeros((self.num, 2)))
 
     def set_estimated_state(self, ids: Array, state: Array, sag: Array | None = None) -> None:
         """See `Environment`; a point goes where it is sent."""

@@ -284,6 +284,21 @@ class PushEnvironment(ArmEnvironment):
         point[:, 2] = 0.0
         return point
 
+    def estimate_tilt(self, object_pose: Array | None) -> Array:
+        """See `ArmEnvironment`: the face that is on top counts, so that a box that fell over lies as well as it stood."""
+        assert object_pose is not None
+        frames = _frames(object_pose[:, 3:])
+        on_top = np.abs(frames[:, 2]).argmax(axis=1)
+        normal = frames[np.arange(self.num), :, on_top]
+        tilt: Array = normal[:, :2] * np.sign(normal[:, 2:])
+        return tilt
+
+    def room(self) -> Array:
+        """See `ArmEnvironment`; as if the boxes stood along the axes."""
+        beyond = np.abs(self.arms.gripper_position - self.arms.object_pose[:, :3]) - self._half_edges
+        room: Array = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
+        return room
+
     def set_estimated_state(self, ids: Array, state: Array, sag: Array | None = None) -> None:
         """See `Environment`; the box lies flat on this robot's own table, however high and tilted the other one is.
 
@@ -310,6 +325,17 @@ def _up(turned: Array) -> Array:
     """Where boxes turned by quaternions (n, 4) w x y z see up, unit vectors (n, 3) in their own frames."""
     w, x, y, z = turned.T
     return np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1)
+
+
+def _frames(turned: Array) -> Array:
+    """Rotation matrices (n, 3, 3) of quaternions (n, 4) w x y z; their columns are a box's axes."""
+    w, x, y, z = turned.T
+    rows = (
+        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
+    )  # fmt: skip
+    return np.stack(rows, axis=1).reshape(-1, 3, 3)
 
 
 def _upright_turn(angle: Array) -> Array:

@@ -465,6 +465,22 @@ def test_a_moving_box_is_seen_where_it_was() -> None:
     assert poses[-1][1] - poses[-3][1] > 1e-3 and poses[-1][6] - poses[-3][6] > 1e-3
 
 
+def test_which_way_a_box_leans_is_seen_whichever_face_is_on_top() -> None:
+    env = push_env(TASK, 1)
+    for degrees, leans in ((0, 0), (20, 20), (-20, -20), (90, 0), (110, 20)):
+        half, along = np.radians(degrees) / 2, np.array([[0.28, 0.96]])  # where its x points
+        env.arms.object_pose[:, 3:] = turned(np.array([[0.8, 0, 0, 0.6]]), np.array([[np.cos(half), 0, np.sin(half), 0]]))
+        np.testing.assert_allclose(env.estimate_state().tilt, np.sin(np.radians(leans)) * along, atol=1e-6)
+
+
+def test_the_room_between_finger_and_box() -> None:
+    env = push_env(TASK, 1)
+    env.arms.object_pose[0, :3] = env.arms.gripper_position[0] - [0.07, 0, 0.02]
+    assert env.room()[0] == pytest.approx(0.04)
+    env.arms.object_pose[0, :3] += [0, 0.07, 0.0]
+    assert env.room()[0] == pytest.approx(np.hypot(0.04, 0.04))
+
+
 @pytest.mark.parametrize(("degrees", "imagined"), [(5, 0), (30, 30), (90, 0)])
 def test_a_box_that_leans_is_imagined_leaning_and_one_that_lies_is_imagined_flat(degrees: float, imagined: float) -> None:
     seen, half = push_env(TASK, 1), np.radians(degrees) / 2
