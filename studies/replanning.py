@@ -19,8 +19,8 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-from skillcli.evaluation.script import EpisodeSchedule
-from skillcli.evaluation.trial import TargetRobots, TransferEvaluator
+from skillcli.evaluation.episode_schedule import EpisodeSchedule
+from skillcli.evaluation.transfer_evaluator import TargetRobots, TransferEvaluator
 
 from skillcli import metrics
 from skillcli.composition.plan import schedule

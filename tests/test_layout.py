@@ -1,8 +1,10 @@
 """Tests mirror the package: every folder of tests has the name of one of skillcli. The docs show each part on its floor."""
 
+import importlib
 import re
 from pathlib import Path
 
+import pytest
 from test_imports import FLOORS
 
 import skillcli
@@ -39,3 +41,8 @@ def test_the_docs_show_every_part_on_its_floor() -> None:
     above = set[str]().union(*FLOORS)
     ground = {path.stem for path in PACKAGE.glob("[a-z]*.py")} - above
     assert shown == dict(enumerate([ground, *FLOORS]))
+
+
+@pytest.mark.parametrize("study", sorted(path.stem for path in (TESTS.parent / "studies").glob("[!_]*.py")))
+def test_every_study_fits_the_code_of_today(study: str) -> None:
+    assert callable(importlib.import_module(f"studies.{study}").main)
