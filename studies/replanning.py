@@ -19,16 +19,16 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-from skillcli.evaluation.episode_schedule import EpisodeSchedule
-from skillcli.evaluation.transfer_evaluator import TargetRobots, TransferEvaluator
 
 from skillcli import metrics
 from skillcli.composition.plan import schedule
 from skillcli.composition.registry import method_spec
+from skillcli.evaluation.episode_schedule import EpisodeSchedule
 from skillcli.evaluation.library import Library, open_library
 from skillcli.evaluation.planning import problem_of
 from skillcli.evaluation.replanning import Replanner
 from skillcli.evaluation.sampled_robots import SampledRobots
+from skillcli.evaluation.transfer_evaluator import TargetRobots, TransferEvaluator
 from skillcli.recipe import Recipe, resolve
 from skillcli.robots.robot import load_target
 from skillcli.simulation.domains import find_domain
