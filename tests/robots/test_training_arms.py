@@ -14,6 +14,8 @@ from skillcli.robots.robot import load_robot
 from skillcli.store import Store
 from skillcli.tasks.world import World
 
+pytestmark = pytest.mark.slow  # trains
+
 ROBOTS = Path(__file__).parent
 SIX = ["base_yaw", "shoulder", "upper_roll", "elbow", "fore_roll", "wrist"]
 START = [-0.28, -1.24, 0.01, 1.65, 0.0, 1.16]

@@ -19,6 +19,8 @@ from skillcli.store import Store
 from skillcli.tasks import registry
 from skillcli.tasks.world import World
 
+pytestmark = pytest.mark.slow  # trains
+
 ROOT = Path(__file__).parents[2]
 SERVO = ROOT / "tests" / "robots" / "servo.toml"
 SMALL = ["training.iterations=2", "training.simulations=8", "task.horizon=8", "evaluation.latents=2", "evaluation.stored=1"]
