@@ -136,11 +136,16 @@ def load_recipe(name: str, overrides: Iterable[str] = ()) -> Recipe:
         UsageError: unknown recipe, unreadable TOML, unknown key, or a value out of bounds.
     """
     content = _read(name, seen=())
-    return resolve(content, overrides)
+    return resolve(content, overrides, by_hand=True)
 
 
-def resolve(content: Mapping[str, Any], overrides: Iterable[str] = ()) -> Recipe:
+def resolve(content: Mapping[str, Any], overrides: Iterable[str] = (), by_hand: bool = False) -> Recipe:
     """Validate a recipe's content after applying `a.b=value` overrides.
+
+    Args:
+        content: of a recipe file, or as an artifact keeps it.
+        overrides: such as `training.iterations=20`.
+        by_hand: whether a person gave the recipe: its Python file of a task may run, though it never ran here before.
 
     Raises:
         UsageError: a key that does not exist or a value that is out of bounds.
@@ -148,21 +153,21 @@ def resolve(content: Mapping[str, Any], overrides: Iterable[str] = ()) -> Recipe
     merged: dict[str, Any] = copy.deepcopy(dict(content))
     for override in overrides:
         merged = _merge(merged, _override(override))
-    kind = _recipe_for(_settings_of(merged))
+    kind = _recipe_for(_settings_of(merged, by_hand))
     try:
         return kind.model_validate(merged)
     except ValidationError as error:
         raise UsageError(*_explained(error, kind)) from error
 
 
-def _settings_of(content: dict[str, Any]) -> type[TaskSettings]:
+def _settings_of(content: dict[str, Any], by_hand: bool) -> type[TaskSettings]:
     """The section that describes the task of a recipe; fills in what the robot says of where it starts."""
     given = content.get("task")
     if not isinstance(given, Mapping):
         return TaskSettings  # the validation says what is wrong
     robot = content.get("robot", "sawyer")
     if "module" in given:
-        given = content["task"] = _from_module(given)
+        given = content["task"] = _from_module(given, by_hand)
     name = given.get("name")
     if name is None:
         raise UsageError("recipe key 'task.name' is missing", f"tasks: {', '.join(task_names())}")
@@ -177,7 +182,7 @@ def _settings_of(content: dict[str, Any]) -> type[TaskSettings]:
     return spec.settings
 
 
-def _from_module(task: Mapping[str, Any]) -> dict[str, Any]:
+def _from_module(task: Mapping[str, Any], by_hand: bool) -> dict[str, Any]:
     """The section `task`, with the task of its Python file registered, and its name and hash filled in.
 
     A recipe that a person gives runs the file. One out of an artifact runs it only where the same file ran here before.
@@ -190,7 +195,7 @@ def _from_module(task: Mapping[str, Any]) -> dict[str, Any]:
         raise UsageError(
             f"task.module: {path} is not the file that these skills were trained on", "put that one back, or train anew"
         )
-    if stored and not ran_here(digest):
+    if not by_hand and not ran_here(digest):
         raise UsageError(
             f"task.module: {path} never ran here, and an artifact alone does not run it",
             "read it; then let it run by giving its recipe: `skill recipes show RECIPE`",

@@ -129,4 +129,12 @@ def test_a_file_that_holds_no_task_is_refused(tmp_path: Path, source: str | None
     if source is not None:
         path.write_text(source, encoding="utf-8")
     with pytest.raises(UsageError, match=said):
+        resolve({"name": "r", "task": {"module": str(path)}}, by_hand=True)
+
+
+def test_a_stored_recipe_that_leaves_the_hash_out_runs_nothing_either(tmp_path: Path) -> None:
+    path, mark = tmp_path / "mine.py", tmp_path / "ran"
+    path.write_text(f"open({str(mark)!r}, 'w').close()", encoding="utf-8")
+    with pytest.raises(UsageError, match="never ran here"):
         resolve({"name": "r", "task": {"module": str(path)}})
+    assert not mark.exists()
