@@ -6,10 +6,11 @@ read in a process of its own. Losing the list costs a moment for every file, not
 
 from __future__ import annotations
 
-import os
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+
+from skillcli.cache import user_cache
 
 _LONGEST = 1 << 24  # bytes of the list, a quarter of a million files; then the older half is forgotten
 
@@ -35,8 +36,7 @@ def remember(digest: str) -> None:
 
 
 def _path() -> Path:
-    cache_home = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    return (cache_home if cache_home.is_absolute() else Path("~/.cache").expanduser()) / "skill" / "written-here"
+    return user_cache() / "written-here"
 
 
 @cache

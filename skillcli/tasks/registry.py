@@ -11,13 +11,13 @@ import hashlib
 import importlib
 import importlib.metadata
 import importlib.util
-import os
 import sys
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+from skillcli.cache import user_cache
 from skillcli.errors import UsageError
 from skillcli.tasks.spec import TaskSpec
 
@@ -99,8 +99,7 @@ def ran_here(digest: str) -> bool:
 
 
 def _ran_list() -> Path:
-    cache_home = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    return (cache_home if cache_home.is_absolute() else Path("~/.cache").expanduser()) / "skill" / "tasks-run-here"
+    return user_cache() / "tasks-run-here"
 
 
 def _run(path: Path, name: str) -> Any:
