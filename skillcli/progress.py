@@ -21,7 +21,7 @@ class Progress:
     scalars: Mapping[str, float] = field(default_factory=dict)  # this point of the learning curves
 
 
-Report = Callable[[Progress], None]
+OnProgress = Callable[[Progress], None]
 
 
 def silent(_: Progress) -> None:

@@ -29,7 +29,7 @@ def replay(world: World, action: Array, halvings: int) -> Array:
     """Where the box is after each control step, (T, E, 2) m, when actions (E, T, J) rad are sent again."""
     task = world.task
     assert isinstance(task, PushTask)
-    env = replace(world, task=task.model_copy(update={"timestep": task.timestep / 2**halvings})).make(len(action))
+    env = replace(world, task=task.model_copy(update={"timestep": task.timestep / 2**halvings})).make_env(len(action))
     path = []
     for t in range(action.shape[1]):
         env.step(action[:, t] / task.action_scale)

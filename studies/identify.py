@@ -26,7 +26,7 @@ TARGETS, CANDIDATES = 40, 64
 
 def measured(library: Library, parameters: dict[str, Array], steps: int, skill: int) -> tuple[Array, Array, Array]:
     """What sensors show of targets that play a skill: sightings (E, v) at the start, joints (T, E, J) rad, actions alike."""
-    env = library.world.make(TARGETS, delay=True)
+    env = library.world.make_env(TARGETS, delay=True)
     env.randomize(parameters, np.random.default_rng(1))
     env.reset(np.arange(TARGETS), np.full(TARGETS, skill))
     observation, seen = env.observe(), env.estimate_state().state
@@ -40,9 +40,9 @@ def measured(library: Library, parameters: dict[str, Array], steps: int, skill: 
     return seen, np.stack(joints), np.stack(actions)
 
 
-def misfit(library: Library, candidates: dict[str, Array], seen: Array, joints: Array, actions: Array) -> Array:
+def joint_error(library: Library, candidates: dict[str, Array], seen: Array, joints: Array, actions: Array) -> Array:
     """Root mean square distance of measured joints and those of each candidate, (E, C) rad."""
-    env = library.world.make(CANDIDATES, delay=True)
+    env = library.world.make_env(CANDIDATES, delay=True)
     env.randomize({name: values for name, values in candidates.items() if not name.endswith("noise")}, np.random.default_rng(0))
     limit = library.recipe.task.action_scale
     off = np.zeros((len(seen), CANDIDATES))
@@ -63,7 +63,7 @@ def main() -> None:
     candidates = latin_hypercube(ranges, CANDIDATES, np.random.default_rng(3), library.world.joints)
     table = Table("seen for", "latency right", "gain: r", "damping: r", "friction: r")
     for steps in (5, 10, 20, 40):
-        best = misfit(library, candidates, *measured(library, targets, steps, 0)).argmin(axis=1)
+        best = joint_error(library, candidates, *measured(library, targets, steps, 0)).argmin(axis=1)
         right = (candidates["latency"][best] == targets["latency"]).mean()
         told = [
             np.corrcoef(candidates[name][best].mean(axis=1), targets[name].mean(axis=1))[0, 1]

@@ -51,10 +51,10 @@ def raw_seconds(raw: Batch, env: ReachEnvironment, rng: np.random.Generator) -> 
 def throughput(iterations: int) -> dict[str, float]:
     """Control steps per second: the bare engine, while collecting, and over the whole training."""
     recipe = load_recipe("reach")
-    env = World.of(recipe).make(recipe.training.simulations)
+    env = World.of(recipe).make_env(recipe.training.simulations)
     assert isinstance(env, ReachEnvironment)
     learner = Learner(env, recipe, seed=0)
-    raw, rng = Batch(env.arms.model, env.num, persistent=True), np.random.default_rng(0)
+    raw, rng = Batch(env.arms.model, env.num_envs, persistent=True), np.random.default_rng(0)
     learner.iterate()  # first calls are slow everywhere
     raw_seconds(raw, env, rng)
     steps, sampling = learner.env_steps, learner.sampling_seconds
@@ -66,7 +66,7 @@ def throughput(iterations: int) -> dict[str, float]:
         bare += raw_seconds(raw, env, rng)
     steps = learner.env_steps - steps
     return {
-        "bare engine": RAW_STEPS * env.num * iterations / bare,
+        "bare engine": RAW_STEPS * env.num_envs * iterations / bare,
         "collecting": steps / (learner.sampling_seconds - sampling),
         "whole training": steps / training,
     }

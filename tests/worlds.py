@@ -34,29 +34,29 @@ def target_robot(path: Path) -> Robot:
     return load_target(path, SAWYER)
 
 
-def make(task: Any, num: int, threads: int = 0, delay: bool = False, robot: Robot | None = None) -> Any:
+def make_env(task: Any, num_envs: int, threads: int = 0, delay: bool = False, robot: Robot | None = None) -> Any:
     """N simulations."""
-    env: Environment = world(task, robot).make(num, threads, delay)
+    env: Environment = world(task, robot).make_env(num_envs, threads, delay)
     return env
 
 
-def reach_env(task: Any, num: int, threads: int = 0, delay: bool = False) -> ReachEnvironment:
+def reach_env(task: Any, num_envs: int, threads: int = 0, delay: bool = False) -> ReachEnvironment:
     """N simulations of reach."""
-    env = make(task, num, threads, delay)
+    env = make_env(task, num_envs, threads, delay)
     assert isinstance(env, ReachEnvironment)
     return env
 
 
-def push_env(task: Any, num: int, threads: int = 0, delay: bool = False) -> PushEnvironment:
+def push_env(task: Any, num_envs: int, threads: int = 0, delay: bool = False) -> PushEnvironment:
     """N simulations of push."""
-    env = make(task, num, threads, delay)
+    env = make_env(task, num_envs, threads, delay)
     assert isinstance(env, PushEnvironment)
     return env
 
 
-def point_env(task: Any, num: int) -> PointEnvironment:
+def point_env(task: Any, num_envs: int) -> PointEnvironment:
     """N simulations of the point."""
-    env = make(task, num)
+    env = make_env(task, num_envs)
     assert isinstance(env, PointEnvironment)
     return env
 

@@ -13,10 +13,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from skillcli import __version__
-from skillcli.cli import inspect, report, trouble, typed
-from skillcli.cli import stages as learn
-from skillcli.cli import store_admin as keep
-from skillcli.cli import store_view as shelf
+from skillcli.cli import inspect, report, stages, store_admin, store_view, trouble, typed
 from skillcli.cli.session import Session
 from skillcli.errors import SkillError
 from skillcli.plaintext import line
@@ -59,11 +56,11 @@ def options(
     context.obj = Session(store, named, as_json, quiet, debug)
 
 
-learn.register(app)
+stages.register(app)
 inspect.register(app)
 report.register(app)
-shelf.register(app)
-keep.register(app)
+store_view.register(app)
+store_admin.register(app)
 
 
 def main() -> None:

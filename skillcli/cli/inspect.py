@@ -256,10 +256,10 @@ def _physics() -> Check:
     from skillcli.tasks.world import World
 
     world = World.of(load_recipe("reach"))
-    rows: list[Any] = []
+    sim_states: list[Any] = []
     for threads in (1, 2):
-        env = world.make(4, threads)
+        env = world.make_env(4, threads)
         env.step(np.ones((4, env.action_size)))
-        rows.append(env.save(np.arange(4)))
-    same = bool((rows[0] == rows[1]).all())
+        sim_states.append(env.save(np.arange(4)))
+    same = bool((sim_states[0] == sim_states[1]).all())
     return "physics", "equal with 1 and 2 threads" if same else "differs between 1 and 2 threads", same

@@ -14,7 +14,7 @@ if TYPE_CHECKING:  # imported where needed: `skill --help` must be instant
     from rich.console import Console, RenderableType
     from rich.text import Text
 
-    from skillcli.progress import Progress, Report
+    from skillcli.progress import OnProgress, Progress
 
 PLAIN_SECONDS = 10.0  # between progress lines where there is no terminal
 WHOLE_BAR, BAR = 40, 6  # characters of the bar of the whole work, and of a skill's
@@ -22,7 +22,7 @@ NAME = 12  # characters of a skill's name
 
 
 @contextmanager
-def live(console: Console) -> Iterator[Report]:
+def live(console: Console) -> Iterator[OnProgress]:
     """A panel that is redrawn in place, and gone in the end."""
     from rich.live import Live
 
@@ -31,11 +31,11 @@ def live(console: Console) -> Iterator[Report]:
         yield lambda progress: shown.update(panel(progress, clock.left(progress)))
 
 
-def plain(console: Console) -> Report:
+def plain(console: Console) -> OnProgress:
     """A line now and then, for pipes and files."""
     clock, last = Clock(), time.monotonic()
 
-    def report(progress: Progress) -> None:
+    def on_progress(progress: Progress) -> None:
         nonlocal last
         left, now = clock.left(progress), time.monotonic()
         if now - last >= PLAIN_SECONDS:
@@ -43,7 +43,7 @@ def plain(console: Console) -> Report:
             told = [*standing(progress, left), *speed(progress), *overall(progress)]
             console.print(" · ".join(told), highlight=False, markup=False, soft_wrap=True)
 
-    return report
+    return on_progress
 
 
 class Clock:
@@ -121,7 +121,7 @@ def _bar(share: float, width: int, style: str) -> Text:
 
 
 @contextmanager
-def tensorboard(folder: Path, report: Report) -> Iterator[Report]:
+def tensorboard(folder: Path, on_progress: OnProgress) -> Iterator[OnProgress]:
     """Also write every point of the learning curves below `folder`, over control steps.
 
     A training that goes on writes a file of its own beside the first; its steps go on too.
@@ -143,7 +143,7 @@ def tensorboard(folder: Path, report: Report) -> Iterator[Report]:
         for name, value in progress.scalars.items():
             if name != "env_steps":
                 writer.add_scalar(name, value, int(progress.scalars["env_steps"]))
-        report(progress)
+        on_progress(progress)
 
     try:
         yield both

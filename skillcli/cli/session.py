@@ -17,7 +17,7 @@ from skillcli.plaintext import line
 if TYPE_CHECKING:  # imported where needed: `skill --help` must be instant
     from rich.console import Console, RenderableType
 
-    from skillcli.progress import Report
+    from skillcli.progress import OnProgress
     from skillcli.store import ArtifactId, Store
 
 
@@ -94,19 +94,19 @@ class Session:
         return found
 
     @contextmanager
-    def progress(self) -> Iterator[Report]:
+    def progress(self) -> Iterator[OnProgress]:
         """Show progress on stderr: live on a terminal, a line now and then elsewhere, nothing when quiet."""
         if self.quiet:
             yield lambda _: None
             return
-        from skillcli.cli import progress_view as watching
+        from skillcli.cli import progress_view
 
         console = self.err
         if console.is_terminal and not console.is_dumb_terminal and not self.json:
-            with watching.live(console) as report:
-                yield report
+            with progress_view.live(console) as on_progress:
+                yield on_progress
         else:
-            yield watching.plain(console)
+            yield progress_view.plain(console)
 
 
 def finite(item: Any) -> Any:

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skillcli.cli import complete, typed
-from skillcli.cli import progress_view as watching
+from skillcli.cli import complete, progress_view, typed
 from skillcli.cli.methods import OWN, ByMethod, option
 from skillcli.cli.session import Session
 from skillcli.composition.registry import DEFAULT, METHODS, method_spec
@@ -77,10 +76,10 @@ def pretrain(
     if resume and not session.store.checkpoint_path(folder, PRETRAIN.name, pretrain_inputs(resolved, seed)).exists():
         session.say("nothing was interrupted with this recipe, seed and name: starting anew")
     with ExitStack() as opened:
-        report = opened.enter_context(session.progress())
+        on_progress = opened.enter_context(session.progress())
         if tensorboard:
-            report = opened.enter_context(watching.tensorboard(tensorboard, report))
-        artifact = stage(session.store, resolved, seed, folder, session.command, resume, threads, report)
+            on_progress = opened.enter_context(progress_view.tensorboard(tensorboard, on_progress))
+        artifact = stage(session.store, resolved, seed, folder, session.command, resume, threads, on_progress)
     _done(session, artifact, f"skill embed-means {artifact.id}")
 
 
@@ -137,8 +136,8 @@ def compose(
 
     recipe = stored_recipe(session.store.read(found), [*(spec.overrides_on_target if on else ()), *(overrides or ()), *chosen])
     request = Request.of(recipe, task, goals, method)
-    with _whole(COMPOSE.name), session.progress() as report:
-        artifact = stage(session.store, found, recipe, request, method, session.command, checked(name), report, seed, on)
+    with _whole(COMPOSE.name), session.progress() as on_progress:
+        artifact = stage(session.store, found, recipe, request, method, session.command, checked(name), on_progress, seed, on)
     planned = COMPOSE.results_of(artifact)
     if not planned.waypoints_met:
         session.say(f"the plan does not meet every waypoint: {spec.hint}", "yellow")
@@ -188,7 +187,7 @@ def transfer_eval(
         other = load_target(robot, load_robot(recipe.robot))
         for note in other.notes:
             session.say(f"{robot}: {note}")
-    with _whole(TRANSFER_EVAL.name), session.progress() as report:
+    with _whole(TRANSFER_EVAL.name), session.progress() as on_progress:
         artifact = stage(
             session.store,
             found,
@@ -198,7 +197,7 @@ def transfer_eval(
             seed,
             session.command,
             checked(name),
-            report,
+            on_progress,
             other,
             sensitivity,
         )
@@ -244,8 +243,8 @@ def _chain(session: Session, recipe: str, seed: int, name: str | None, overrides
     resolved = load_recipe(recipe, overrides or ())
     folder = checked(name) or resolved.name
     reports: dict[str, Any] = {}
-    with session.progress() as report:
-        for link in run_chain(session.store, resolved, seed, folder, session.command, report):
+    with session.progress() as on_progress:
+        for link in run_chain(session.store, resolved, seed, folder, session.command, on_progress):
             if link.reused:
                 session.say(f"{link.artifact.id}: nothing changed, used again")
             reports[link.artifact.kind] = {**payload(link.artifact), "reused": link.reused}

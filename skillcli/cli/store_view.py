@@ -187,12 +187,16 @@ def _shown(session: Session, artifact: Artifact) -> list[Any]:
     from rich.markdown import Markdown
     from rich.pretty import Pretty
 
-    from skillcli.cli import terminal_plots as drawings
+    from skillcli.cli import terminal_plots
 
-    parts: list[Any] = [Markdown(artifact.provenance()), drawings.recipe(artifact.recipe)]
+    parts: list[Any] = [Markdown(artifact.provenance()), terminal_plots.recipe(artifact.recipe)]
     if curves := artifact.group("curves"):
-        parts.append(drawings.curves(curves, session.out.width))
-    parts += [Pretty(artifact.results, max_length=12), Pretty(artifact.measured), drawings.lineage(session.store, artifact.id)]
+        parts.append(terminal_plots.curves(curves, session.out.width))
+    parts += [
+        Pretty(artifact.results, max_length=12),
+        Pretty(artifact.measured),
+        terminal_plots.lineage(session.store, artifact.id),
+    ]
     return parts
 
 

@@ -79,11 +79,13 @@ class Moment:
     observation: Array  # (N, o)
 
     @staticmethod
-    def start(world: LatentEnvironment, num: int) -> Moment:
+    def start(world: LatentEnvironment, num_envs: int) -> Moment:
         """N times the start of a world with one robot."""
         sim_state, keypoints = world.start()
         observation = world.observe(sim_state)
-        return Moment(np.tile(sim_state, (num, 1)), np.tile(keypoints, (num, 1, 1)), np.tile(observation, (num, 1)))
+        return Moment(
+            np.tile(sim_state, (num_envs, 1)), np.tile(keypoints, (num_envs, 1, 1)), np.tile(observation, (num_envs, 1))
+        )
 
     def unless(self, over: Array, other: Moment) -> Moment:
         """The same, with another moment for the episodes that are over, (N,) bool."""
@@ -107,11 +109,11 @@ class Round:
 
     def __init__(self, start: Moment, route: Route, settings: EpisodeSettings, steps: int) -> None:
         self._start, self._route, self._settings, self._steps = start, route, settings, steps
-        num = len(start.sim_states)
+        num_envs = len(start.sim_states)
         self.now = start
-        self.next_waypoint = np.zeros(num, dtype=int)
-        self.failed, self.arrived = np.zeros(num, dtype=bool), np.zeros(num, dtype=bool)
-        self.total: Array = np.zeros(num)  # of the rewards
+        self.next_waypoint = np.zeros(num_envs, dtype=int)
+        self.failed, self.arrived = np.zeros(num_envs, dtype=bool), np.zeros(num_envs, dtype=bool)
+        self.total: Array = np.zeros(num_envs)  # of the rewards
         self.valid: list[Array] = []  # (N,) bool for each segment: which episodes were not over before it
         self.plan: list[Segment] = []
         self.gap = np.inf  # m, from the end of the plan to the last waypoint

@@ -68,7 +68,7 @@ class Calibration:
         """As the store keeps it."""
         return {"calibration/pair": self.pair, "calibration/share": self.share, "calibration/end": self.end}
 
-    def report(self, names: Sequence[str]) -> dict[str, Any]:
+    def summary(self, names: Sequence[str]) -> dict[str, Any]:
         """Per pair and on the whole; the same again over neighbouring skills only, those with no other goal between."""
         near = set(metrics.neighbours(self.goals))
         pairs = []
@@ -142,7 +142,7 @@ def calibrate(problem: PlanningProblem) -> Finding:
     end = problem.hold_to_end(latent, problem.goals[np.repeat(pair[:, 1], len(share))])
     calibration = Calibration(pair, share, end.reshape(len(pair), len(share), 3), problem.goals)
     spent = len(latent) * problem.horizon * problem.period
-    results = CalibrationResults.read(calibration.report(problem.names))
+    results = CalibrationResults.read(calibration.summary(problem.names))
     return Finding(calibration.arrays(), {"calibration": results}, spent)
 
 

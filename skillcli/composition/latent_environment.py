@@ -20,7 +20,7 @@ Act = Callable[[Array, Array], Array]  # observations (N, o) and latents (N, d) 
 class Simulations(Protocol):
     """What expanding needs of N simulations."""
 
-    num: int
+    num_envs: int
 
     def observe(self) -> Array:
         """Observations (N, o)."""
@@ -28,7 +28,7 @@ class Simulations(Protocol):
     def step(self, action: Array) -> Any:
         """One control step: observation, reward, terminated, truncated."""
 
-    def wake(self, ids: Array | None) -> None:
+    def set_active(self, ids: Array | None) -> None:
         """Let only these simulations move, all where None; the others may stay as they are."""
 
     def keypoints(self) -> Array:
@@ -68,7 +68,7 @@ class LatentEnvironment:
     def __init__(self, env: Simulations, act: Act, robots: int = 1, limits: Collection[str] = ()) -> None:
         self._env, self._act, self.robots = env, act, robots
         self.limits = limits
-        self.slots = env.num // robots
+        self.slots = env.num_envs // robots
         self.control_steps = 0  # spent so far, over all robots in use
         self.held = 0  # latents that were held so far, each from one state
 
@@ -103,13 +103,13 @@ class LatentEnvironment:
         """The same from as many states as there are slots, at most."""
         count, robots = len(sim_states), self.robots
         used = np.arange(count * robots)
-        held = np.zeros((self._env.num, latent.shape[1]))
+        held = np.zeros((self._env.num_envs, latent.shape[1]))
         held[used] = np.repeat(latent, robots, axis=0)
         self._env.restore(used, sim_states.reshape(count * robots, -1))
         path = [self._env.keypoints()[used]]
         failed = np.zeros(len(used), dtype=bool)
         observation = self._env.observe()
-        self._env.wake(used)
+        self._env.set_active(used)
         for _ in range(steps):
             step = self._env.step(self._act(observation, held))
             observation = step.observation
@@ -117,7 +117,7 @@ class LatentEnvironment:
             if self.limits:
                 failed |= self._broken()[used]
             path.append(self._env.keypoints()[used])
-        self._env.wake(None)
+        self._env.set_active(None)
         self.control_steps += steps * len(used)
         self.held += count
         along = np.stack(path, axis=1)

@@ -41,9 +41,9 @@ class Planner(Protocol):
         """The best plan known so far; empty where nothing has to be done."""
 
 
-def run(planner: Planner, world: LatentEnvironment, told: Callable[[int, int, str], None]) -> None:
+def run(planner: Planner, world: LatentEnvironment, on_progress: Callable[[int, int, str], None]) -> None:
     """Let a planner try latents in a world until it is finished, and tell after each try how far it is."""
     while not planner.finished:
         proposal = planner.ask()
         planner.tell(world.hold(proposal.sim_states, proposal.latent, proposal.steps))
-        told(*planner.done)
+        on_progress(*planner.done)

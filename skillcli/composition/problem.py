@@ -14,7 +14,7 @@ from skillcli.composition.planner import Planner
 from skillcli.composition.planner import run as run_planner
 from skillcli.composition.route import STRAIGHT, CostToGo, Route
 from skillcli.config.base import Section
-from skillcli.progress import Progress, Report, silent
+from skillcli.progress import OnProgress, Progress, silent
 from skillcli.trajectories import Array
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ class PlanningProblem:
     entries: tuple[Entry, ...] = ()  # of a plan that is written by hand
     robots: int = 1  # that every latent is tried on
     seed: int = 0
-    report: Report = silent
+    on_progress: OnProgress = silent
 
     @property
     def bounds(self) -> Array:
@@ -85,7 +85,9 @@ class PlanningProblem:
 
     def run(self, planner: Planner, world: LatentEnvironment, unit: str) -> None:
         """Let a planner try latents until it is finished, and report how many units of its work are done."""
-        run_planner(planner, world, lambda done, total, note: self.report(Progress("compose", done, total, unit, note=note)))
+        run_planner(
+            planner, world, lambda done, total, note: self.on_progress(Progress("compose", done, total, unit, note=note))
+        )
 
 
 @dataclass(frozen=True)

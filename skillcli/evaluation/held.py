@@ -12,7 +12,7 @@ from skillcli.trajectories import Array, Trajectories
 
 
 def rollout_held(
-    recipe: Recipe, agent: Agent, latent: Array, target: Array, fed: Array, threads: int = 0
+    recipe: Recipe, agent: Agent, latent: Array, target: Array, skill: Array, threads: int = 0
 ) -> tuple[Trajectories, Array]:
     """From the start, hold one latent (E, d) per episode to the end, judged by its target (E, 3) m.
 
@@ -21,13 +21,13 @@ def rollout_held(
     """
     world = World.of(recipe)
     recordings, observations = [], []
-    for first in range(0, len(fed), MAX_SIMULATIONS):
+    for first in range(0, len(skill), MAX_SIMULATIONS):
         part = slice(first, first + MAX_SIMULATIONS)
-        env = world.make(len(fed[part]), threads)
-        env.reset(np.arange(env.num), np.zeros(env.num, dtype=np.int64))
+        env = world.make_env(len(skill[part]), threads)
+        env.reset(np.arange(env.num_envs), np.zeros(env.num_envs, dtype=np.int64))
         env.desired_goal[:] = target[part]
         held = np.repeat(latent[part][:, None], env.horizon, axis=1)
-        recording, observation = rollout(env, agent.act, held, np.repeat(fed[part][:, None], env.horizon, axis=1))
+        recording, observation = rollout(env, agent.act, held, np.repeat(skill[part][:, None], env.horizon, axis=1))
         recordings.append(recording)
         observations.append(observation)
     return Trajectories.join(recordings), np.concatenate(observations)

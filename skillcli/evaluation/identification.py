@@ -34,19 +34,19 @@ class Identification:
         self._period, self._joints = world.task.control_period, world.joints
         self._robots: ArmEnvironment | None = None
         if world.spec.uses_robot:
-            robots = SampledRobots({"latency": LATENCY_CANDIDATES}, len(LATENCY_CANDIDATES)).simulations(world, 1)
+            robots = SampledRobots({"latency": LATENCY_CANDIDATES}, len(LATENCY_CANDIDATES)).make_env(world, 1)
             assert isinstance(robots, ArmEnvironment)
             self._robots, self._limit = robots, world.task.action_scale
-        self.begin()
+        self.reset()
 
-    def begin(self) -> None:
+    def reset(self) -> None:
         """Forget what was known: another target stands there."""
-        self.lateness = 0.0  # s
+        self.latency = 0.0  # s
         self.sag = np.zeros(self._joints)  # rad
         self._unexplained = np.zeros((len(LATENCY_CANDIDATES), self._joints))  # rad², summed over the steps
         self._steps, self._weight = 0, DOUBT
 
-    def learn(self, state: Array, applied: Sequence[Array], measured: Sequence[Array]) -> None:
+    def update(self, state: Array, applied: Sequence[Array], measured: Sequence[Array]) -> None:
         """Take account of a segment that is over.
 
         Args:
@@ -66,14 +66,14 @@ class Identification:
         self._steps += len(applied)
         # each joint with a noise of its own, else one that no lateness explains, a stuck one say, would decide
         likeliest = int(np.log(self._unexplained + SILENCE * self._steps).sum(axis=1).argmin())
-        self.lateness = float(LATENCY_CANDIDATES[likeliest])
+        self.latency = float(LATENCY_CANDIDATES[likeliest])
         self._weight = KEPT * self._weight + weight
         self.sag = np.clip(self.sag + weight / self._weight * further[likeliest], -most, most)
 
     def _replay(self, state: Array, applied: Sequence[Array], sag: Array) -> Array:
         """Joint angles of robots of each lateness with `sag` (R, J) that are sent these increments, (R, T, J) rad."""
         assert self._robots is not None
-        num = len(LATENCY_CANDIDATES)
-        self._robots.set_estimated_state(np.arange(num), np.repeat(state, num, axis=0), sag)
-        steps = (self._robots.step(np.tile(increment / self._limit, (num, 1))) for increment in applied)
+        num_envs = len(LATENCY_CANDIDATES)
+        self._robots.set_estimated_state(np.arange(num_envs), np.repeat(state, num_envs, axis=0), sag)
+        steps = (self._robots.step(np.tile(increment / self._limit, (num_envs, 1))) for increment in applied)
         return np.stack([step.observation[:, : self._joints] for step in steps], axis=1)

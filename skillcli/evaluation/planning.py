@@ -11,7 +11,7 @@ from skillcli.composition.sequence import Entry
 from skillcli.evaluation.held import rollout_held
 from skillcli.evaluation.library import Library
 from skillcli.evaluation.sampled_robots import SampledRobots
-from skillcli.progress import Report, silent
+from skillcli.progress import OnProgress, silent
 from skillcli.recipe import Recipe
 from skillcli.tasks.registry import cost_to_go
 from skillcli.tasks.world import MAX_SIMULATIONS
@@ -20,7 +20,7 @@ from skillcli.trajectories import SAFETY_LIMITS, Array
 
 def problem_of(
     library: Library, recipe: Recipe, method: str, waypoints: Array, robots: SampledRobots, entries: tuple[Entry, ...] = (),
-    seed: int = 0, report: Report = silent,
+    seed: int = 0, on_progress: OnProgress = silent,
 ) -> PlanningProblem:  # fmt: skip
     """One route of a request, as a method is asked to plan it.
 
@@ -32,12 +32,12 @@ def problem_of(
         robots: that latents are tried on.
         entries: of a plan that is written by hand, else none.
         seed: of methods that draw at random.
-        report: told where the planning stands.
+        on_progress: called with where the planning stands.
     """
     task = recipe.task
 
     def make_world(slots: int) -> LatentEnvironment:
-        env = robots.simulations(library.world, min(max(1, MAX_SIMULATIONS // robots.count), slots))  # memory is bounded
+        env = robots.make_env(library.world, min(max(1, MAX_SIMULATIONS // robots.count), slots))  # memory is bounded
         return LatentEnvironment(env, library.agent.act, robots.count, SAFETY_LIMITS)
 
     def hold_to_end(latent: Array, target: Array) -> Array:
@@ -61,5 +61,5 @@ def problem_of(
         entries=entries,
         robots=robots.count,
         seed=seed,
-        report=report,
+        on_progress=on_progress,
     )

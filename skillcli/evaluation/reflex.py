@@ -34,7 +34,7 @@ class Reflex:
     def __init__(self, env: ArmEnvironment) -> None:
         self._env, self._steps_ahead = env, FORESIGHT / env.control_period
 
-    def begin(self, seen: StateEstimate) -> None:
+    def reset(self, seen: StateEstimate) -> None:
         """An episode begins, with the box at rest."""
         self._rest, self._lean = seen.tilt[0], 0.0
         self._count = 0  # control steps that it has been letting go
@@ -62,7 +62,7 @@ class Reflex:
         self._count += 1
         arms = self._env.arms
         way = np.array([*(-ASIDE * tilt / max(STANDING, float(np.linalg.norm(tilt)))), 1.0])
-        turn = arms.turns_towards(np.tile(LEAD * way / np.linalg.norm(way), (self._env.num, 1)))[0]
+        turn = arms.turns_towards(np.tile(LEAD * way / np.linalg.norm(way), (self._env.num_envs, 1)))[0]
         # from where the arm is, not from where it was sent: that is further in the box
         target = arms.joint_position[0] - sag + turn
         action: Array = np.clip((target - arms.commanded[0]) / arms.action_limit, -1.0, 1.0)

@@ -95,14 +95,14 @@ class Replanner:
             slots, longest = own.samples, own.segment
         self.problem, self.recipe, self.effort = problem, recipe, Effort()
         self.act = library.agent.act
-        self._simulations = robots.simulations(library.world, slots)
-        self._lateness = 0.0  # s, of the simulations
+        self._simulations = robots.make_env(library.world, slots)
+        self._latency = 0.0  # s, of the simulations
         self._known = Identification(library.world)
         self._world = LatentEnvironment(self._simulations, self.act, limits=KEPT)
         self._others: Environment | None = None
         if isinstance(settings, SearchSettings) and self._simulations.violations().shape[1] > UNBREAKABLE:
             several = SampledRobots({"latency": np.zeros(len(FRICTION)), "contact_friction": FRICTION}, len(FRICTION))
-            self._others = several.simulations(library.world, len(self._choices.latent))
+            self._others = several.make_env(library.world, len(self._choices.latent))
             self._elsewhere = LatentEnvironment(self._others, self.act, len(FRICTION), KEPT)
         self.reflex: Reflex | None = None
         if isinstance(self._simulations, ArmEnvironment) and self._simulations.violations().shape[1] > UNBREAKABLE:
@@ -120,10 +120,10 @@ class Replanner:
             seed: of methods that use chance.
         """
         target.desired_goal[:] = waypoints[-1]
-        self._known.begin()
-        self._assume(self._known.lateness)
+        self._known.reset()
+        self._set_latency(self._known.latency)
         mission = ReplannedEpisode(self, target, waypoints, round(PATIENCE * steps), generator(seed, "replanning"))
-        recording, _ = rollout_closed_loop(target, mission.act, mission.feed, steps)
+        recording, _ = rollout_closed_loop(target, mission.act, mission.condition, steps)
         if mission.gave_up():
             recording = replace(recording, gave_up=np.ones(1, dtype=bool))
         return recording.with_success(recording.success & met(recording, [waypoints], target.tolerance))
@@ -145,21 +145,21 @@ class Replanner:
         own = self.problem.settings
         return own.final_speed if isinstance(own, SearchSettings) else 0.0
 
-    def learn(self, state: Array, applied: Sequence[Array], measured: Sequence[Array]) -> None:
+    def update(self, state: Array, applied: Sequence[Array], measured: Sequence[Array]) -> None:
         """Take account of a segment that is over, see `Identification`; plan for a robot that obeys like that."""
-        self._known.learn(state, applied, measured)
-        self._assume(self._known.lateness)
+        self._known.update(state, applied, measured)
+        self._set_latency(self._known.latency)
 
-    def _assume(self, lateness: float) -> None:
+    def _set_latency(self, latency: float) -> None:
         """Let the simulations obey this late, s."""
-        if lateness != self._lateness:
-            late = {"latency": np.full(self._simulations.num, lateness)}
+        if latency != self._latency:
+            late = {"latency": np.full(self._simulations.num_envs, latency)}
             self._simulations.randomize(late, np.random.default_rng(0))  # without noise there is nothing to draw
             if self._others is not None:
-                friction = np.resize(FRICTION, self._others.num)
-                late = {"latency": np.full(len(friction), lateness), "contact_friction": friction}
+                friction = np.resize(FRICTION, self._others.num_envs)
+                late = {"latency": np.full(len(friction), latency), "contact_friction": friction}
                 self._others.randomize(late, np.random.default_rng(0))
-            self._lateness = lateness
+            self._latency = latency
 
     def next(self, seen: StateEstimate, waypoints: Array, rng: np.random.Generator) -> Prospect:
         """The first segment of a new plan, and what comes of it; where every way breaks a limit, the limits are left out."""
@@ -190,8 +190,8 @@ class Replanner:
         )
         self._others.set_estimated_state(each, np.repeat(seen.state, len(each), axis=0), sag)
         latent = self._choices.latent
-        rows = np.tile(self._others.save(each).ravel(), (len(latent), 1))
-        broken = self._elsewhere.hold(rows, latent, self._longest).failed.sum(axis=1)
+        sim_states = np.tile(self._others.save(each).ravel(), (len(latent), 1))
+        broken = self._elsewhere.hold(sim_states, latent, self._longest).failed.sum(axis=1)
         return frozenset(np.flatnonzero(broken > broken.min()).tolist())
 
     def _planner(
@@ -223,7 +223,7 @@ class ReplannedEpisode:
         self._measured: list[Array] = []  # since then, behind each step
         self._letting_go: Array | None = None  # (1, J) what is done instead of what the policy would
         if replanner.reflex is not None:
-            replanner.reflex.begin(target.estimate_state())
+            replanner.reflex.reset(target.estimate_state())
 
     def act(self, observation: Array, latent: Array) -> Array:
         """What the policy does, unless the box begins to tip."""
@@ -232,7 +232,7 @@ class ReplannedEpisode:
         action: Array = self._replanner.act(observation, latent)
         return action
 
-    def feed(self, _: int, failed: Array) -> tuple[Array, Array, Array] | None:
+    def condition(self, _: int, failed: Array) -> tuple[Array, Array, Array] | None:
         """See `rollout_closed_loop`."""
         if failed[0]:
             self._in_time = False
@@ -288,7 +288,7 @@ class ReplannedEpisode:
 
     def _identify(self, seen: StateEstimate) -> None:
         """Learn from the segment that has ended how the target obeys."""
-        self._replanner.learn(self._begun, self._applied, self._measured)
+        self._replanner.update(self._begun, self._applied, self._measured)
         self._begun, self._applied, self._measured = seen.state, [], []
 
     def _arrived(self) -> bool:

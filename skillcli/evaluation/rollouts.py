@@ -12,13 +12,13 @@ from skillcli import metrics
 from skillcli.trajectories import Array, Trajectories
 
 Act = Callable[[Array, Array], Array]  # observations (N, o) and latents (N, d) to actions (N, a)
-Feed = Callable[[int, Array], tuple[Array, Array, Array] | None]
+Conditioning = Callable[[int, Array], tuple[Array, Array, Array] | None]
 
 
 class RecordedEnvironment(Protocol):
     """What a recording needs of N simulations."""
 
-    num: int
+    num_envs: int
     control_period: float
     tolerance: float
     desired_goal: Array
@@ -31,7 +31,7 @@ class RecordedEnvironment(Protocol):
     def step(self, action: Array) -> Any:
         """One control step: observation, reward, terminated, truncated."""
 
-    def snapshot(self) -> dict[str, Array]:
+    def recorded_state(self) -> dict[str, Array]:
         """What a recording keeps of the present moment."""
 
     def achieved_goal(self) -> Array:
@@ -57,12 +57,12 @@ def rollout(
         The recording (success: the judged point is within the tolerance at the end, and nothing failed on the way) and
         the observations (N, T+1, o).
     """
-    num, last = skill.shape
-    length = np.full(num, last) if steps is None else steps
+    num_envs, last = skill.shape
+    length = np.full(num_envs, last) if steps is None else steps
     return rollout_closed_loop(env, act, lambda t, failed: (latent[:, t], skill[:, t], t < length), last)
 
 
-def rollout_closed_loop(env: RecordedEnvironment, act: Act, feed: Feed, steps: int) -> tuple[Trajectories, Array]:
+def rollout_closed_loop(env: RecordedEnvironment, act: Act, condition: Conditioning, steps: int) -> tuple[Trajectories, Array]:
     """Like `rollout`, but what is fed next may depend on what has happened.
 
     Args:
@@ -72,13 +72,13 @@ def rollout_closed_loop(env: RecordedEnvironment, act: Act, feed: Feed, steps: i
             skills (N,) whose means they are, and which episodes still run, (N,) bool; None ends all of them.
         steps: at most.
     """
-    num = env.num
+    num_envs = env.num_envs
     moments, actions, rewards, fed = [_moment(env)], [], [], []
     observations = [env.observe()]
-    length, failed, unstable = np.zeros(num, dtype=int), np.zeros(num, dtype=bool), np.zeros(num, dtype=bool)
+    length, failed, unstable = np.zeros(num_envs, dtype=int), np.zeros(num_envs, dtype=bool), np.zeros(num_envs, dtype=bool)
     broken = np.zeros_like(env.violations(), dtype=np.int32)
     for t in range(steps):
-        given = feed(t, failed)
+        given = condition(t, failed)
         if given is None:
             break
         latent, skill, running = given
@@ -115,7 +115,7 @@ def rollout_closed_loop(env: RecordedEnvironment, act: Act, feed: Feed, steps: i
 
 
 def _moment(env: RecordedEnvironment) -> dict[str, Array]:
-    return {**env.snapshot(), "judged_position": env.achieved_goal()}
+    return {**env.recorded_state(), "judged_position": env.achieved_goal()}
 
 
 def _frozen(moment: dict[str, Array], before: dict[str, Array], over: Array) -> dict[str, Array]:

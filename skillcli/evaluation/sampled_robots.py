@@ -55,8 +55,8 @@ class SampledRobots:
         }
         return SampledRobots(whole, count, seed)
 
-    def simulations(self, world: World, slots: int) -> Environment:
+    def make_env(self, world: World, slots: int) -> Environment:
         """Each robot in every slot, at the start; simulation i is robot i modulo M."""
         which = np.arange(slots * self.count) % self.count
         parameters = {name: values[which] for name, values in self.parameters.items()}
-        return world.stand(np.zeros(len(which), dtype=np.int64), parameters, generator(self.seed, "sensors"))
+        return world.make_randomized_env(np.zeros(len(which), dtype=np.int64), parameters, generator(self.seed, "sensors"))

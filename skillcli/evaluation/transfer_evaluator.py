@@ -15,7 +15,7 @@ from skillcli.evaluation.rollouts import rollout, rollout_waypoints
 from skillcli.seeding import generator
 from skillcli.simulation.domains import Domain
 from skillcli.simulation.environment import Environment
-from skillcli.tasks.world import MAX_SIMULATIONS, World, begin
+from skillcli.tasks.world import MAX_SIMULATIONS, World, randomize_and_reset
 from skillcli.trajectories import Array, Trajectories
 
 OnEpisode = Callable[[int, int], None]  # told of each episode that is planned again: its number, and how many there are
@@ -78,18 +78,18 @@ class TransferEvaluator:
         Raises:
             UsageError: it does not.
         """
-        self.world.make(1)
+        self.world.make_env(1)
 
-    def run(self, script: EpisodeSchedule, target: TargetRobots, told: OnEpisode = lambda *_: None) -> Trajectories:
+    def run(self, script: EpisodeSchedule, target: TargetRobots, on_episode: OnEpisode = lambda *_: None) -> Trajectories:
         """Play a script on a target, one episode each; `told` hears of every episode that is planned again."""
         if self.replanner is not None:
-            return self._replan(self.replanner, script, target, told)
+            return self._replan(self.replanner, script, target, on_episode)
 
-        def feed(env: Environment, part: slice) -> Trajectories:
+        def rollout_part(env: Environment, part: slice) -> Trajectories:
             act, latent, skill = self.library.agent.act, script.latent[part], script.skill[part]
             return rollout_waypoints(env, act, latent, skill, script.waypoints[part], script.steps[part])
 
-        return self._side_by_side(script.episodes, target, feed)
+        return self._side_by_side(script.episodes, target, rollout_part)
 
     def replay(self, source: Trajectories, target: TargetRobots, episodes: int) -> Array:
         """How far the judged point ends from where it ended in the source, whose actions are sent in turn, (E,) m."""
@@ -115,15 +115,17 @@ class TransferEvaluator:
             parameters = {name: values[part] for name, values in target.parameters.items()}
             skill = np.zeros(part.stop - first, dtype=np.int64)
             sensors = [generator(self.seed, f"sensors {target.name} {episode}") for episode in range(first, part.stop)]
-            recordings.append(play_part(self.world.stand(skill, parameters, sensors), part))
+            recordings.append(play_part(self.world.make_randomized_env(skill, parameters, sensors), part))
         return Trajectories.join(recordings)
 
-    def _replan(self, replanner: Replanner, script: EpisodeSchedule, target: TargetRobots, told: OnEpisode) -> Trajectories:
+    def _replan(
+        self, replanner: Replanner, script: EpisodeSchedule, target: TargetRobots, on_episode: OnEpisode
+    ) -> Trajectories:
         steps, recordings = replanner.problem.steps(replanner.recipe.transfer.replan_seconds), []
-        env = self.world.make(1, delay="latency" in target.parameters)
+        env = self.world.make_env(1, delay="latency" in target.parameters)
         for episode, waypoints in enumerate(script.waypoints):
-            told(episode, script.episodes)
+            on_episode(episode, script.episodes)
             one = {name: values[episode : episode + 1] for name, values in target.parameters.items()}
-            begin(env, np.zeros(1, dtype=np.int64), one, generator(self.seed, f"sensors {target.name} {episode}"))
+            randomize_and_reset(env, np.zeros(1, dtype=np.int64), one, generator(self.seed, f"sensors {target.name} {episode}"))
             recordings.append(replanner.episode(env, waypoints, steps * len(waypoints), self.seed))
         return Trajectories.join(recordings)

@@ -44,19 +44,19 @@ def _watched(library: Library, route: Sequence[Segment], robots: SampledRobots) 
     Returns:
         Limits broken, (T+1, K) bool, and the gripper, (T+1, 3) m.
     """
-    env = robots.simulations(library.world, 1)
+    env = robots.make_env(library.world, 1)
     latent, skill = schedule(route)
     broken, gripper = [], []
 
     def look() -> None:
         broken.append(env.violations()[0])
-        gripper.append(env.snapshot()["gripper_position"][0])
+        gripper.append(env.recorded_state()["gripper_position"][0])
 
-    def feed(t: int, _: Array) -> tuple[Array, Array, Array]:
+    def condition(t: int, _: Array) -> tuple[Array, Array, Array]:
         look()
         return latent[None, t], skill[None, t], np.array([True])
 
-    rollout_closed_loop(env, library.agent.act, feed, len(skill))
+    rollout_closed_loop(env, library.agent.act, condition, len(skill))
     look()
     broken[0][:] = False  # no control step ends at the start
     return np.array(broken), np.array(gripper)

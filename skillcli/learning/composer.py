@@ -46,7 +46,7 @@ class Trace:
             self.seen.append(features)
         self.units.append(unit)
 
-    def led(self, reward: Array, features: Array, terminated: Array) -> None:
+    def observe(self, reward: Array, features: Array, terminated: Array) -> None:
         """What the last choice led to."""
         self.seen.append(features)
         self.rewards.append(reward)

@@ -65,7 +65,7 @@ class DdpgComposer:
 
     def observe(self, reward: Array, features: Array, terminated: Array) -> None:
         """See `Composer`."""
-        self._trace.led(reward, features, terminated)
+        self._trace.observe(reward, features, terminated)
 
     def update(self, valid: Array) -> dict[str, float]:
         """See `Composer`."""

@@ -82,11 +82,11 @@ class Learner:
         chosen = self.recipe.randomisation
         if not chosen.ranges:
             return
-        parameters = randomization.sample(chosen.ranges, self.env.num, self.rng, self.env.joints)
+        parameters = randomization.sample(chosen.ranges, self.env.num_envs, self.rng, self.env.joints)
         progress = self.iteration / self.recipe.training.iterations
         for ranges, (begin, full) in ((chosen.starts, chosen.starts_span), (chosen.sensing, chosen.sensing_span)):
             share = float(progress >= begin) if begin == full else (progress - begin) / (full - begin)
-            spared = self.rng.random(self.env.num) >= share
+            spared = self.rng.random(self.env.num_envs) >= share
             for name in ranges:
                 parameters[name][spared] = randomization.IDENTITY[name]
         self.env.randomize(parameters, np.random.default_rng(self.rng.integers(2**63)))
@@ -121,8 +121,8 @@ class Learner:
         for group, optimizer in vars(self.optimizers).items():
             for index, slots in optimizer.state_dict()["state"].items():
                 arrays |= {f"optimizer/{group}/{index}/{slot}": tensor.numpy() for slot, tensor in slots.items()}
-        if self.pool.rows is not None:
-            arrays["pool"] = self.pool.rows
+        if self.pool.sim_states is not None:
+            arrays["pool"] = self.pool.sim_states
         arrays |= {f"curves/{name}": np.array(values) for name, values in self.curves.items()}
         return arrays, {
             "iteration": self.iteration,
@@ -145,7 +145,7 @@ class Learner:
             self._load_optimizer(optimizer, _below(arrays, f"optimizer/{group}/"))
         self.optimizers.policy_rate = state["policy_rate"]
         self.curves = {name: values.tolist() for name, values in _below(arrays, "curves/").items()}
-        self.pool.rows = arrays.get("pool")
+        self.pool.sim_states = arrays.get("pool")
         self.pool.filled, self.pool.next = state["pool"]
         self.rng.bit_generator.state = state["generator"]
         self.iteration, self.env_steps = state["iteration"], state["env_steps"]

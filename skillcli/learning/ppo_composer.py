@@ -56,7 +56,7 @@ class PpoComposer:
 
     def observe(self, reward: Array, features: Array, terminated: Array) -> None:
         """See `Composer`."""
-        self._trace.led(reward, features, terminated)
+        self._trace.observe(reward, features, terminated)
 
     def update(self, valid: Array) -> dict[str, float]:
         """See `Composer`; the first episode is left out, it was not drawn from the policy."""

@@ -18,7 +18,7 @@ from skillcli.trajectories import Array
 class VectorEnvironment(Protocol):
     """What training needs of N simulations of a task."""
 
-    num: int
+    num_envs: int
     joints: int  # of the arm
     horizon: int
     observation_size: int
@@ -37,7 +37,7 @@ class VectorEnvironment(Protocol):
     def reset(self, ids: Array, skill: Array) -> None:
         """Start these simulations at the start, on these skills."""
 
-    def reset_to_state(self, ids: Array, rows: Array, skill: Array) -> None:
+    def reset_to_state(self, ids: Array, sim_states: Array, skill: Array) -> None:
         """Start these simulations from saved states, on these skills."""
 
     def observe(self) -> Array:
@@ -80,13 +80,13 @@ class StartPool(RingBuffer):
     SNAPSHOTS = 4  # moments of each rollout that are kept
 
     @property
-    def rows(self) -> Array | None:
+    def sim_states(self) -> Array | None:
         """(capacity, S), None as long as nothing was added."""
         return self.columns[0] if self.columns else None
 
-    @rows.setter
-    def rows(self, rows: Array | None) -> None:
-        self.columns = () if rows is None else (rows,)
+    @sim_states.setter
+    def sim_states(self, sim_states: Array | None) -> None:
+        self.columns = () if sim_states is None else (sim_states,)
 
     def draw(self, count: int, rng: np.random.Generator) -> Array:
         """(count, S) states drawn with replacement; only when something was added."""
@@ -96,8 +96,8 @@ class StartPool(RingBuffer):
 def start_episodes(env: VectorEnvironment, pool: StartPool, chained: float, rng: np.random.Generator) -> Array:
     """Give every simulation a skill and a start; returns the skills (N,), as evenly many as can be."""
     first = rng.integers(len(env.goals))  # where simulations and skills do not divide, nobody is always left over
-    skills = rng.permutation((np.arange(env.num) + first) % len(env.goals))
-    continued = rng.random(env.num) < chained if pool.filled else np.zeros(env.num, dtype=bool)
+    skills = rng.permutation((np.arange(env.num_envs) + first) % len(env.goals))
+    continued = rng.random(env.num_envs) < chained if pool.filled else np.zeros(env.num_envs, dtype=bool)
     fresh, kept = np.flatnonzero(~continued), np.flatnonzero(continued)
     if len(fresh):
         env.reset(fresh, skills[fresh])
@@ -110,21 +110,21 @@ def start_episodes(env: VectorEnvironment, pool: StartPool, chained: float, rng:
 def collect(env: VectorEnvironment, agent: Agent, pool: StartPool, chained: float, rng: np.random.Generator) -> Rollout:
     """Run one episode in every simulation, and keep some of the states passed for later starts."""
     started = time.perf_counter()
-    steps, num = env.horizon, env.num
+    steps, num_envs = env.horizon, env.num_envs
     skill = start_episodes(env, pool, chained, rng)
     mean, std = agent.embed()
     noise = rng.standard_normal(mean[skill].shape)
     latent = (mean[skill] + std[skill] * noise).astype(np.float32)
-    exploration = agent.policy.std.numpy() * rng.standard_normal((steps, num, env.action_size), dtype=np.float32)
+    exploration = agent.policy.std.numpy() * rng.standard_normal((steps, num_envs, env.action_size), dtype=np.float32)
     kept_moments = set(rng.choice(steps, size=min(pool.SNAPSHOTS, steps), replace=False).tolist())
 
-    observation = np.empty((steps + 1, num, env.observation_size), dtype=np.float32)
-    privileged = np.empty((steps + 1, num, env.privileged_size), dtype=np.float32)
-    action = np.empty((steps, num, env.action_size), dtype=np.float32)
-    reward = np.empty((steps, num), dtype=np.float32)
-    terminated, valid = np.zeros((steps, num), dtype=bool), np.ones((steps, num), dtype=bool)
-    everyone = np.arange(num)
-    alive = np.ones(num, dtype=bool)
+    observation = np.empty((steps + 1, num_envs, env.observation_size), dtype=np.float32)
+    privileged = np.empty((steps + 1, num_envs, env.privileged_size), dtype=np.float32)
+    action = np.empty((steps, num_envs, env.action_size), dtype=np.float32)
+    reward = np.empty((steps, num_envs), dtype=np.float32)
+    terminated, valid = np.zeros((steps, num_envs), dtype=bool), np.ones((steps, num_envs), dtype=bool)
+    everyone = np.arange(num_envs)
+    alive = np.ones(num_envs, dtype=bool)
     terms = dict.fromkeys(env.reward_names, 0.0)
     act = Actor(agent, latent)
 
@@ -145,7 +145,7 @@ def collect(env: VectorEnvironment, agent: Agent, pool: StartPool, chained: floa
         privileged=privileged,
         action=action,
         reward=reward,
-        reward_terms={name: total / num for name, total in terms.items()},
+        reward_terms={name: total / num_envs for name, total in terms.items()},
         terminated=terminated,
         valid=valid,
         skill=skill,

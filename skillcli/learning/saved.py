@@ -64,7 +64,7 @@ def _counters(learner: Learner, state: Mapping[str, Any]) -> Iterator[str]:
     if state.keys() != _KEYS:
         yield f"its state lacks or should not have {shown(sorted(state.keys() ^ _KEYS))}"
         return
-    last, steps = learner.recipe.training.iterations, learner.env.num * learner.env.horizon
+    last, steps = learner.recipe.training.iterations, learner.env.num_envs * learner.env.horizon
     iteration, rate = state["iteration"], state["policy_rate"]
     if type(iteration) is not int or not 1 <= iteration <= last:
         yield f"iteration must be between 1 and {last}, got {shown(iteration)}"
@@ -126,22 +126,22 @@ def _slots(learner: Learner) -> dict[str, tuple[int, ...]]:
 
 def _pool(learner: Learner, arrays: Mapping[str, Array], pool: list[int]) -> Iterator[str]:
     """A ring: filled from the front, and from then on overwritten anywhere."""
-    rows, (filled, following), capacity = arrays.get("pool"), pool, learner.pool.capacity
+    sim_states, (filled, following), capacity = arrays.get("pool"), pool, learner.pool.capacity
     if not (0 <= filled <= capacity and 0 <= following < capacity and (filled == capacity or following == filled)):
         yield f"pool cannot have {filled} states, the next one in place {following}, of {capacity}"
     width = learner.env.save(np.array([0])).shape[1]
-    if rows is None:
+    if sim_states is None:
         if filled:
             yield "pool is missing"
-    elif rows.shape != (capacity, width) or rows.dtype != np.float64:
-        yield f"pool holds {rows.dtype} of shape {rows.shape}, expected float64 of shape {(capacity, width)}"
-    elif not np.isfinite(rows).all():
+    elif sim_states.shape != (capacity, width) or sim_states.dtype != np.float64:
+        yield f"pool holds {sim_states.dtype} of shape {sim_states.shape}, expected float64 of shape {(capacity, width)}"
+    elif not np.isfinite(sim_states).all():
         yield "pool holds values that are not finite"
 
 
 def _agreement(learner: Learner, arrays: Mapping[str, Array], state: Mapping[str, Any]) -> Iterator[str]:
     """What the curves say must be what the counters say."""
-    each = learner.env.num * learner.env.horizon
+    each = learner.env.num_envs * learner.env.horizon
     if not np.array_equal(arrays["curves/env_steps"], each * np.arange(1, state["iteration"] + 1)):
         yield "curves/env_steps does not count its control steps"
     if not math.isclose(arrays["curves/learning_rate"][-1], state["policy_rate"]):

@@ -33,7 +33,7 @@ class ArmEnvironment:
         task: start, clock and limits.
         robot: whose arm stands in the scene.
         goals: (K, 3) m.
-        num: simulations.
+        num_envs: simulations.
         threads: of the engine, 0 for all cores; results do not depend on it.
         delay: whether a domain may delay the actuators.
     """
@@ -45,8 +45,8 @@ class ArmEnvironment:
     privileged_terms: ClassVar[tuple[ObservationTerm, ...]] = ()  # what only a value function sees
     recorded: ClassVar[Mapping[str, int]] = {"gripper_position": 3}  # fields of a recording beside the joints, and their sizes
 
-    def __init__(self, task: ArmTask, robot: Robot, goals: Array, num: int, threads: int = 0, delay: bool = False) -> None:
-        self.num, self.horizon, self.tolerance, self.robot = num, task.horizon, task.tolerance, robot
+    def __init__(self, task: ArmTask, robot: Robot, goals: Array, num_envs: int, threads: int = 0, delay: bool = False) -> None:
+        self.num_envs, self.horizon, self.tolerance, self.robot = num_envs, task.horizon, task.tolerance, robot
         self.control_period = task.control_period
         self._observe_command = task.observe_command
         joints = robot.joint_count
@@ -56,21 +56,21 @@ class ArmEnvironment:
         self.shown_size = sum(term.size for term in self.shows(task))
         spec = self.scene(task, robot, delay)
         substeps = round(task.control_period / spec.option.timestep)
-        self.arms = ArmBatch(spec.compile(), num, substeps, task.action_limit, robot.names, threads)
+        self.arms = ArmBatch(spec.compile(), num_envs, substeps, task.action_limit, robot.names, threads)
         self.goals = goals
-        self.desired_goal = np.zeros((num, 3))
-        self.applied, self.unstable = np.zeros((num, joints)), np.zeros(num, dtype=bool)
+        self.desired_goal = np.zeros((num_envs, 3))
+        self.applied, self.unstable = np.zeros((num_envs, joints)), np.zeros(num_envs, dtype=bool)
         self._start = np.array(start_of(task, robot))
         self._speed_limit = robot.speed_limit
-        self._start_offset = np.zeros((num, joints))  # rad
-        self._elapsed = np.zeros(num, dtype=np.int64)
+        self._start_offset = np.zeros((num_envs, joints))  # rad
+        self._elapsed = np.zeros(num_envs, dtype=np.int64)
         self._past: deque[tuple[Array, Array]] = deque(maxlen=REMEMBERED)  # measured joints and commanded targets, rad
         self._joint_offset: Array | None = None  # rad
         self._sensors: Sensors | None = None  # None: everything is measured as it is
         self._disturbance: Disturbance | None = None
         self._clearance: Clearance | None = None  # made when it is first asked for
         self.set_up(task)
-        self.reset(np.arange(num), np.zeros(num, dtype=np.int64))
+        self.reset(np.arange(num_envs), np.zeros(num_envs, dtype=np.int64))
 
     @classmethod
     def scene(cls, task: ArmTask, robot: Robot, delay: bool = False) -> mujoco.MjSpec:
@@ -130,7 +130,7 @@ class ArmEnvironment:
 
     def privileged(self) -> Array:
         """See `Environment`."""
-        return np.zeros((self.num, 0), dtype=np.float32)
+        return np.zeros((self.num_envs, 0), dtype=np.float32)
 
     def reset(self, ids: Array, skill: Array) -> None:
         """See `Environment`."""
@@ -139,9 +139,9 @@ class ArmEnvironment:
         self._begin(ids, skill)
         self._measured = self._true().astype(np.float32)
 
-    def reset_to_state(self, ids: Array, rows: Array, skill: Array) -> None:
+    def reset_to_state(self, ids: Array, sim_states: Array, skill: Array) -> None:
         """See `Environment`."""
-        self.arms.restore(ids, rows)
+        self.arms.restore(ids, sim_states)
         self._begin(ids, skill)
 
     def _place(self, ids: Array) -> None:
@@ -154,7 +154,7 @@ class ArmEnvironment:
         self._elapsed[ids] = 0
         self.desired_goal[ids] = self.goals[skill]
         if self._sensors is not None:
-            self._sensors.begin(ids, self._true()[ids])
+            self._sensors.reset(ids, self._true()[ids])
 
     def _true(self) -> Array:
         """What perfect sensors would report, (N, J+3); the arm computes its gripper position from its joint angles.
@@ -170,7 +170,7 @@ class ArmEnvironment:
         """See `Environment`."""
         joints = self.action_size
         measured = joints + 3
-        observation = np.empty((self.num, self.observation_size), dtype=np.float32)
+        observation = np.empty((self.num_envs, self.observation_size), dtype=np.float32)
         if self._sensors is None:
             observation[:, :joints] = self.arms.joint_position
             observation[:, joints:measured] = self.position()
@@ -187,7 +187,7 @@ class ArmEnvironment:
     def randomize(self, parameters: Mapping[str, Array], rng: Rng) -> None:
         """See `Environment`."""
         self.arms.randomize(parameters)
-        start = np.broadcast_to(parameters.get("start_offset", 0.0), (self.num, self.action_size))
+        start = np.broadcast_to(parameters.get("start_offset", 0.0), (self.num_envs, self.action_size))
         offset = parameters.get("joint_offset")
         self._joint_offset = offset if offset is not None and offset.any() else None
         # The arm goes where its encoders say the start is. From there on an offset that commands share with angles has no
@@ -195,11 +195,11 @@ class ArmEnvironment:
         self._start_offset = start if self._joint_offset is None else start - self._joint_offset
         self._sensors = self._disturbance = None
         if disturbance.needed(parameters):
-            self._disturbance = Disturbance(parameters, self.num, self.arms.substeps, self.control_period, rng)
+            self._disturbance = Disturbance(parameters, self.num_envs, self.arms.substeps, self.control_period, rng)
         if sensors.needed(parameters):
             true = self._true()
-            self._sensors = Sensors(parameters, self.num, self.control_period, rng, self.action_size, true.shape[1])
-            self._sensors.begin(np.arange(self.num), true)
+            self._sensors = Sensors(parameters, self.num_envs, self.control_period, rng, self.action_size, true.shape[1])
+            self._sensors.reset(np.arange(self.num_envs), true)
 
     def step(self, action: Array) -> Step:
         """See `Environment`."""
@@ -213,19 +213,19 @@ class ArmEnvironment:
         if self._sensors is not None:
             self._sensors.advance(self._true())
             if failed.any():
-                self._sensors.begin(np.flatnonzero(failed), self._true()[failed])
+                self._sensors.reset(np.flatnonzero(failed), self._true()[failed])
         terms = self.reward_terms()
         reward = np.where(failed, self.failure_reward, total_reward(terms))
         return Step(self.observe(), reward, failed, self._elapsed >= self.horizon, signed(terms))
 
-    def wake(self, ids: Array | None) -> None:
+    def set_active(self, ids: Array | None) -> None:
         """See `Environment`."""
-        self.arms.awake = ids
+        self.arms.active = ids
 
     def estimate_state(self) -> StateEstimate:
         """See `Environment`: joints and their velocities, the targets commanded of late, and the pose of the object."""
         steps = min(2, len(self._past))  # over one step the noise of the sensors would drown the velocity
-        velocity = np.zeros((self.num, self.action_size))
+        velocity = np.zeros((self.num_envs, self.action_size))
         if steps:
             velocity[:] = (self._measured[:, : self.action_size] - self._past[-steps][0]) / (steps * self.control_period)
         commands = [command for _, command in self._past]
@@ -246,11 +246,11 @@ class ArmEnvironment:
 
     def estimate_tilt(self, object_pose: Array | None) -> Array:
         """How the object seems to lean, (N, 2), see `StateEstimate`."""
-        return np.zeros((self.num, 2))
+        return np.zeros((self.num_envs, 2))
 
     def room(self) -> Array:
         """From the middles of the fingers to the objects, (N,) m; infinite without one."""
-        return np.full(self.num, np.inf)
+        return np.full(self.num_envs, np.inf)
 
     def set_estimated_state(self, ids: Array, state: Array, sag: Array | None = None) -> None:
         """See `Environment`."""
@@ -291,13 +291,13 @@ class ArmEnvironment:
         """See `Environment`."""
         return self.arms.save(ids)
 
-    def restore(self, ids: Array, rows: Array) -> None:
+    def restore(self, ids: Array, sim_states: Array) -> None:
         """See `Environment`."""
-        self.arms.restore(ids, rows)
+        self.arms.restore(ids, sim_states)
         if self._sensors is not None:
             self._sensors.settle(ids, self._true()[ids])
 
-    def snapshot(self) -> dict[str, Array]:
+    def recorded_state(self) -> dict[str, Array]:
         """See `Environment`."""
         return {
             "joint_position": self.arms.joint_position,

@@ -36,7 +36,7 @@ class ArmBatch:
     Args:
         model: has n joints with one position servo each, whose controls follow each other in that order, the site
             "gripper" and the geom "table"; it may have one object, a body "box" with a free joint and a geom of that name.
-        num: simulations.
+        num_envs: simulations.
         substeps: physics steps per control step.
         action_limit: largest joint increment per control step, rad.
         names: what the model calls its joints, servos and finger.
@@ -50,14 +50,14 @@ class ArmBatch:
     def __init__(
         self,
         model: mujoco.MjModel,
-        num: int,
+        num_envs: int,
         substeps: int,
         action_limit: float,
         names: Names,
         threads: int = 0,
     ) -> None:
-        self.model, self.num, self.substeps, self.action_limit = model, num, substeps, action_limit
-        self.batch = Batch(model, num, threads, persistent=True)
+        self.model, self.num_envs, self.substeps, self.action_limit = model, num_envs, substeps, action_limit
+        self.batch = Batch(model, num_envs, threads, persistent=True)
         self.names = names
         servos = [model.actuator(name).id for name in names.servos]
         self._stiffness = -model.actuator_biasprm[servos, 1]  # N·m/rad
@@ -87,7 +87,7 @@ class ArmBatch:
             self._contact_force = slice(first, first + 3)
         self._qvel = self.batch.bind("qvel")
         self._default_row = self.batch.state[0].copy()
-        self.awake: Array | None = None  # ids of the simulations that move; None for all, the others cost nothing
+        self.active: Array | None = None  # ids of the simulations that move; None for all, the others cost nothing
         self._perturbed: set[str] = set()  # model fields that differ between simulations
         self._memory = ActuatorHistory(self.batch, servos, substeps)
 
@@ -201,22 +201,22 @@ class ArmBatch:
         done = 0
         for late in np.unique(lateness) if lateness is not None else (0,):
             if late > done:
-                self.batch.step(self.awake, nstep=int(late - done), stage=_NEW_STATE)
+                self.batch.step(self.active, nstep=int(late - done), stage=_NEW_STATE)
                 done = late
             due = slice(None) if lateness is None else lateness == late
             self._ctrl[due] = target[due]
         if done < self.substeps:
-            self.batch.step(self.awake, nstep=int(self.substeps - done), stage=_NEW_STATE)
+            self.batch.step(self.active, nstep=int(self.substeps - done), stage=_NEW_STATE)
         return increment
 
     def save(self, ids: Array) -> Array:
         """Whole simulator states, (n, S); valid for the same model and MuJoCo version only."""
-        rows: Array = self.batch.state[ids]
-        return rows
+        sim_states: Array = self.batch.state[ids]
+        return sim_states
 
-    def restore(self, ids: Array, rows: Array) -> None:
+    def restore(self, ids: Array, sim_states: Array) -> None:
         """Put saved states into these slots."""
-        self.batch.state[ids] = rows
+        self.batch.state[ids] = sim_states
         self.batch.forward(np.sort(ids), stage=_NEW_STATE)
 
     def randomize(self, parameters: Mapping[str, Array]) -> None:
@@ -264,7 +264,7 @@ class ArmBatch:
         for name in sorted(drawn):
             for field, where, power in changed[name]:
                 values, at = live[field], (slice(None), *where)
-                change = drawn[name].reshape(self.num, -1, *(1,) * (values[at].ndim - 2))
+                change = drawn[name].reshape(self.num_envs, -1, *(1,) * (values[at].ndim - 2))
                 values[at] = values[at] * change**power if power else values[at] + change
         batch.set_const()
 

@@ -22,15 +22,15 @@ class Disturbance:
 
     Args:
         parameters: (N,) by name, see `skillcli.config.randomization.PARAMETERS`.
-        num: simulations.
+        num_envs: simulations.
         substeps: of the physics in a control step.
         period: of a control step, s.
         rng: of everything, one for all or one for each.
     """
 
-    def __init__(self, parameters: Mapping[str, Array], num: int, substeps: int, period: float, rng: Rng) -> None:
-        none = np.zeros(num)
-        self._chance, self._each, self._period = Chance(rng), np.arange(num), period
+    def __init__(self, parameters: Mapping[str, Array], num_envs: int, substeps: int, period: float, rng: Rng) -> None:
+        none = np.zeros(num_envs)
+        self._chance, self._each, self._period = Chance(rng), np.arange(num_envs), period
         jitter = np.minimum(parameters.get("control_jitter", none), period)
         self._latest = np.round(jitter / period * substeps).astype(np.int64)  # substeps
         self._likely = -np.expm1(-period * parameters.get("push_rate", none))  # of a knock in a control step

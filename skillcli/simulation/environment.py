@@ -68,7 +68,7 @@ class Environment(Protocol):
 
     robot: Robot  # whose arm is simulated, where there is one
     joints: int  # of that arm
-    num: int
+    num_envs: int
     horizon: int  # control steps in an episode
     control_period: float  # s
     observation_size: int
@@ -96,7 +96,7 @@ class Environment(Protocol):
     def step(self, action: Array) -> Step:
         """Apply actions (N, a), in units of the action limit and clipped to ±1, for one control step."""
 
-    def wake(self, ids: Array | None) -> None:
+    def set_active(self, ids: Array | None) -> None:
         """Let only these simulations move, all where None; the others may stay as they are, and cost less."""
 
     def achieved_goal(self) -> Array:
@@ -105,13 +105,13 @@ class Environment(Protocol):
     def keypoints(self) -> Array:
         """Points that tell a planner how things stand, (N, L, 3) m: the judged one first, then the gripper beside a box."""
 
-    def reset_to_state(self, ids: Array, rows: Array, skill: Array) -> None:
+    def reset_to_state(self, ids: Array, sim_states: Array, skill: Array) -> None:
         """Begin episodes of these skills from saved states, their clocks at zero."""
 
     def save(self, ids: Array) -> Array:
         """Whole states of these simulations, (n, S)."""
 
-    def restore(self, ids: Array, rows: Array) -> None:
+    def restore(self, ids: Array, sim_states: Array) -> None:
         """Put saved states into these slots."""
 
     def estimate_state(self) -> StateEstimate:
@@ -135,5 +135,5 @@ class Environment(Protocol):
     def violations(self) -> Array:
         """Which of the first K `SAFETY_LIMITS` the present state breaks, (N, K) bool; K is 0 where there are no limits."""
 
-    def snapshot(self) -> dict[str, Array]:
+    def recorded_state(self) -> dict[str, Array]:
         """What a recording keeps of the present moment, by the names of `Trajectories`, each (N, ...)."""

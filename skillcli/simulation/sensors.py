@@ -34,7 +34,7 @@ class Sensors:
 
     Args:
         parameters: (N,) or (N, n) by name, see `skillcli.config.randomization.PARAMETERS`.
-        num: simulations.
+        num_envs: simulations.
         period: between two control steps, s.
         rng: of all noise, one for all or one for each.
         joints: how many, J.
@@ -42,24 +42,24 @@ class Sensors:
     """
 
     def __init__(
-        self, parameters: Mapping[str, Array], num: int, period: float, rng: Rng, joints: int, columns: int = 0
+        self, parameters: Mapping[str, Array], num_envs: int, period: float, rng: Rng, joints: int, columns: int = 0
     ) -> None:
         self._measured = joints + 3  # columns that are off, drift and are noisy
-        self._chance, self._each = Chance(rng), np.arange(num)
-        self._white = _pair(parameters, num, joints, "joint_noise", "position_noise")
-        self._spread = _pair(parameters, num, joints, "joint_drift", "position_drift")
-        self._offset = np.zeros((num, self._measured))
+        self._chance, self._each = Chance(rng), np.arange(num_envs)
+        self._white = _pair(parameters, num_envs, joints, "joint_noise", "position_noise")
+        self._spread = _pair(parameters, num_envs, joints, "joint_drift", "position_drift")
+        self._offset = np.zeros((num_envs, self._measured))
         self._offset[:, :joints] = parameters.get("joint_offset", 0.0)
         self._offset[:, joints:] = parameters.get("position_offset", 0.0)
-        time = parameters.get("drift_time", np.zeros(num))[:, None]
+        time = parameters.get("drift_time", np.zeros(num_envs))[:, None]
         self._keeps = np.exp(-period / np.maximum(time, 1e-9))  # of the drift from one step to the next
-        self._drift = np.zeros((num, self._measured))
-        age = parameters.get("observation_latency", np.zeros(num)) / period  # in control steps
+        self._drift = np.zeros((num_envs, self._measured))
+        age = parameters.get("observation_latency", np.zeros(num_envs)) / period  # in control steps
         self._late = np.floor(age).astype(np.int64)
         self._between = (age - self._late)[:, None]
-        self._past = np.zeros((int(self._late.max(initial=0)) + 2, num, columns or self._measured))  # the newest first
+        self._past = np.zeros((int(self._late.max(initial=0)) + 2, num_envs, columns or self._measured))  # the newest first
 
-    def begin(self, ids: Array, true: Array) -> None:
+    def reset(self, ids: Array, true: Array) -> None:
         """Begin new episodes of these simulations in true states (n, columns)."""
         self.settle(ids, true)
         if self._spread.any():
@@ -92,9 +92,9 @@ class Sensors:
         return error
 
 
-def _pair(parameters: Mapping[str, Array], num: int, joints: int, joint: str, position: str) -> Array:
+def _pair(parameters: Mapping[str, Array], num_envs: int, joints: int, joint: str, position: str) -> Array:
     """Standard deviations of what is measured, (N, J+3)."""
-    spread = np.zeros((num, joints + 3))
+    spread = np.zeros((num_envs, joints + 3))
     for name, where in ((joint, slice(0, joints)), (position, slice(joints, None))):
-        spread[:, where] = parameters.get(name, np.zeros(num))[:, None]
+        spread[:, where] = parameters.get(name, np.zeros(num_envs))[:, None]
     return spread

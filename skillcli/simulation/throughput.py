@@ -27,8 +27,8 @@ class BareEngine:
         if not isinstance(self._env, ArmEnvironment):  # nothing to be measured: no engine below it
             return
         arms = self._env.arms
-        everyone = np.arange(arms.num)
-        rows = arms.save(everyone)
+        everyone = np.arange(arms.num_envs)
+        sim_states = arms.save(everyone)
         control = arms.batch.bind("ctrl")
         increments = np.random.default_rng(0).uniform(-arms.action_limit, arms.action_limit, (STEPS, *control.shape))
         started = time.perf_counter()
@@ -36,8 +36,8 @@ class BareEngine:
             control += increment
             arms.batch.step(nstep=arms.substeps)
         self.seconds += time.perf_counter() - started
-        self.control_steps += STEPS * arms.num
-        arms.restore(everyone, rows)
+        self.control_steps += STEPS * arms.num_envs
+        arms.restore(everyone, sim_states)
 
     @property
     def rate(self) -> float | None:

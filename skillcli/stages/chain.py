@@ -10,7 +10,7 @@ from skillcli.evaluation.inputs import compose_inputs, embed_means_inputs, pretr
 from skillcli.evaluation.request import Request
 from skillcli.evaluation.reuse import finished, of_compose, of_embed_means, of_pretrain, of_transfer_eval
 from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL
-from skillcli.progress import Report, silent
+from skillcli.progress import OnProgress, silent
 from skillcli.recipe import Recipe
 from skillcli.simulation.domains import find_domains
 from skillcli.stages.compose import compose
@@ -28,7 +28,9 @@ class Link:
     reused: bool
 
 
-def run_chain(store: Store, recipe: Recipe, seed: int, name: str, command: str, report: Report = silent) -> Iterator[Link]:
+def run_chain(
+    store: Store, recipe: Recipe, seed: int, name: str, command: str, on_progress: OnProgress = silent
+) -> Iterator[Link]:
     """Pretrain, embed-means, compose and transfer-eval as the recipe says, each yielded when it is there.
 
     Raises:
@@ -37,7 +39,7 @@ def run_chain(store: Store, recipe: Recipe, seed: int, name: str, command: str, 
     request = Request.of(recipe, "", ())  # what is wrong with the last stages is said before the first
     find_domains(recipe.transfer.domains)
     found = finished(store, PRETRAIN, pretrain_inputs(recipe, seed), name, of_pretrain)
-    skills = found or pretrain(store, recipe, seed, name, command, resume=True, report=report)
+    skills = found or pretrain(store, recipe, seed, name, command, resume=True, on_progress=on_progress)
     yield Link(skills, found is not None)
 
     found = finished(store, EMBED_MEANS, embed_means_inputs(skills), name, of_embed_means)
@@ -46,11 +48,11 @@ def run_chain(store: Store, recipe: Recipe, seed: int, name: str, command: str, 
 
     inputs = compose_inputs(means, recipe, request, DEFAULT)
     found = finished(store, COMPOSE, inputs, name, of_compose)
-    plan = found or compose(store, means.id, recipe, request, DEFAULT, command, report=report)
+    plan = found or compose(store, means.id, recipe, request, DEFAULT, command, on_progress=on_progress)
     yield Link(plan, found is not None)
 
     domains, episodes = recipe.transfer.domains, recipe.transfer.episodes
     inputs = transfer_eval_inputs(plan, recipe, domains, episodes, seed)
     found = finished(store, TRANSFER_EVAL, inputs, name, lambda one: of_transfer_eval(one, domains, episodes))
-    transfer = found or transfer_eval(store, plan.id, recipe, domains, episodes, seed, command, report=report)
+    transfer = found or transfer_eval(store, plan.id, recipe, domains, episodes, seed, command, on_progress=on_progress)
     yield Link(transfer, found is not None)

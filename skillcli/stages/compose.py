@@ -22,7 +22,7 @@ from skillcli.evaluation.violations import locate_violations
 from skillcli.kinds import COMPOSE
 from skillcli.kinds.compose import GOALS, ComposeMeasured, ComposeResults, Waypoint
 from skillcli.kinds.record import point
-from skillcli.progress import Progress, Report, silent
+from skillcli.progress import OnProgress, Progress, silent
 from skillcli.recipe import Recipe
 from skillcli.store import Artifact, ArtifactId, Draft, Store
 from skillcli.trajectories import Array, Trajectories
@@ -38,7 +38,7 @@ def compose(
     method: str,
     command: str,
     name: str | None = None,
-    report: Report = silent,
+    on_progress: OnProgress = silent,
     seed: int = 0,
     on: str = "",
 ) -> Artifact:
@@ -54,7 +54,7 @@ def compose(
         method: by its name.
         command: as typed, for the record.
         name: first part of the new id; by default that of the source.
-        report: told where the planning stands.
+        on_progress: called with where the planning stands.
         seed: of methods that use chance, and of the robots that are drawn.
         on: a domain, to plan on one robot drawn from it and to execute the plan there; empty for the simulation.
 
@@ -72,7 +72,7 @@ def compose(
     started = time.perf_counter()
     by_hand = request.entries or ((),) * len(request.routes)
     problems = [
-        problem_of(library, recipe, method, waypoints, robots, entries, seed, _within(report, done, len(request.routes)))
+        problem_of(library, recipe, method, waypoints, robots, entries, seed, _within(on_progress, done, len(request.routes)))
         for done, (waypoints, entries) in enumerate(zip(request.routes, by_hand, strict=True))
     ]
     planned = [spec.plan(problem) for problem in problems]
@@ -125,20 +125,20 @@ def compose(
     )
 
 
-def _within(report: Report, done: int, total: int) -> Report:
+def _within(on_progress: OnProgress, done: int, total: int) -> OnProgress:
     """A report of one route as part of all of them."""
     if total == 1:
-        return report
+        return on_progress
 
-    def told(progress: Progress) -> None:
-        report(Progress(progress.stage, done, total, "routes", note=f"{progress.done} {progress.unit}, {progress.note}"))
+    def on_route_progress(progress: Progress) -> None:
+        on_progress(Progress(progress.stage, done, total, "routes", note=f"{progress.done} {progress.unit}, {progress.note}"))
 
-    return told
+    return on_route_progress
 
 
 def execute(library: Library, route: Sequence[Segment], waypoints: Array, robots: SampledRobots) -> Trajectories:
     """Run the plan of one route from the start on one robot."""
-    env = robots.simulations(library.world, 1)
+    env = robots.make_env(library.world, 1)
     latent, skill = schedule(route)
     return rollout_waypoints(env, library.agent.act, latent[None], skill[None], [waypoints])
 

@@ -30,8 +30,8 @@ def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | N
     pairs = np.array(metrics.neighbours(library.goals), dtype=int).reshape(-1, 2)
     latent = np.concatenate([mean, mean[pairs].mean(axis=1)])
     target = np.concatenate([library.goals, library.goals[pairs].mean(axis=1)])
-    fed = np.concatenate([skills, np.full(len(pairs), -1)])
-    recording = rollout_held(recipe, library.agent, latent, target, fed)[0]
+    latent_skill = np.concatenate([skills, np.full(len(pairs), -1)])
+    recording = rollout_held(recipe, library.agent, latent, target, latent_skill)[0]
     distance = metrics.final_distance(recording)
     return store.write(
         Draft(

@@ -33,7 +33,7 @@ from skillcli.kinds.record import point
 from skillcli.learning.agent import Agent
 from skillcli.learning.learner import Learner
 from skillcli.learning.saved import is_seconds, shown
-from skillcli.progress import Progress, Report, silent
+from skillcli.progress import OnProgress, Progress, silent
 from skillcli.recipe import Recipe
 from skillcli.seeding import generator
 from skillcli.simulation.throughput import BareEngine
@@ -65,7 +65,7 @@ def pretrain(
     command: str,
     resume: bool = False,
     threads: int = 0,
-    report: Report = silent,
+    on_progress: OnProgress = silent,
 ) -> Artifact:
     """Train the skills of a recipe and write a pretrain artifact.
 
@@ -77,7 +77,7 @@ def pretrain(
         command: as typed, for the record.
         resume: go on from the checkpoint of the same recipe, seed and name; without one, start anew.
         threads: of the engine, 0 for all cores; the result does not depend on it.
-        report: told where the training stands.
+        on_progress: called with where the training stands.
 
     Raises:
         Interrupted: Ctrl-C; a checkpoint was kept.
@@ -95,7 +95,7 @@ def pretrain(
     checkpoint = store.checkpoint_path(name, PRETRAIN.name, inputs)
     with stoppable() as stop:
         delay = "latency" in recipe.randomisation.ranges
-        env = world.make(recipe.training.simulations, threads, delay)
+        env = world.make_env(recipe.training.simulations, threads, delay)
         learner, bare = Learner(env, recipe, seed), BareEngine(env)
         spent = _resumed(learner, checkpoint, inputs) if resume and checkpoint.exists() else 0.0
         started = time.perf_counter()
@@ -107,7 +107,7 @@ def pretrain(
             arrays, state = learner.state()
             save_checkpoint(checkpoint, arrays, {**state, "wall_seconds": wall_seconds(), "inputs_sha256": inputs})
 
-        _train(learner, bare, recipe, report, save, stop, command)
+        _train(learner, bare, recipe, on_progress, save, stop, command)
         wall = wall_seconds()
         save()  # judging and writing may still be interrupted, or find the disk full
         if stop.requested:
@@ -145,7 +145,7 @@ def _train(
     learner: Learner,
     bare: BareEngine,
     recipe: Recipe,
-    report: Report,
+    on_progress: OnProgress,
     save: Callable[[], None],
     stop: StopRequest,
     command: str,
@@ -165,7 +165,7 @@ def _train(
         named = {name: value for name, value in point.items() if not name.startswith("success/")}
         scalars = {**named, **{f"success/{name}": share for name, share in success.items()}}
         share = learner.env_steps / learner.sampling_seconds / bare.rate if bare.rate else None
-        report(Progress(PRETRAIN.name, learner.iteration, total, "iterations", rate, success, note, share, scalars))
+        on_progress(Progress(PRETRAIN.name, learner.iteration, total, "iterations", rate, success, note, share, scalars))
         if stop.requested and not learner.finished:
             save()
             raise _stopped(f"stopped after iteration {learner.iteration} of {total}; the state is saved", command)
@@ -188,9 +188,9 @@ def evaluate(recipe: Recipe, agent: Agent, seed: int, threads: int = 0) -> Evalu
     noise[:, 0] = 0.0
     latent = mean[:, None] + std[:, None] * noise
     skill = np.repeat(np.arange(skills), samples)
-    fed = np.where(np.arange(skills * samples) % samples == 0, skill, -1)  # -1: not the mean of any skill
+    latent_skill = np.where(np.arange(skills * samples) % samples == 0, skill, -1)  # -1: not the mean of any skill
     goals = World.of(recipe).goals
-    recording, observation = rollout_held(recipe, agent, latent.reshape(-1, mean.shape[1]), goals[skill], fed, threads)
+    recording, observation = rollout_held(recipe, agent, latent.reshape(-1, mean.shape[1]), goals[skill], latent_skill, threads)
     window = np.arange(observation.shape[1] - agent.window, observation.shape[1]).clip(min=0)  # padded as in training
     kept = [k * samples + m for k in range(skills) for m in range(min(samples, 1 + recipe.evaluation.stored))]
     shape = (skills, samples)
@@ -215,9 +215,9 @@ def evaluate_randomised(recipe: Recipe, agent: Agent, seed: int, threads: int = 
     drawn, recordings = sample(ranges, len(skill), rng, world.joints), []
     for first in range(0, len(skill), MAX_SIMULATIONS):
         part = slice(first, first + MAX_SIMULATIONS)
-        env = world.stand(skill[part], {name: values[part] for name, values in drawn.items()}, rng, threads)
-        latent, fed = (np.repeat(each[part][:, None], env.horizon, axis=1) for each in (mean[skill], skill))
-        recordings.append(rollout(env, agent.act, latent, fed)[0])
+        env = world.make_randomized_env(skill[part], {name: values[part] for name, values in drawn.items()}, rng, threads)
+        latent, latent_skill = (np.repeat(each[part][:, None], env.horizon, axis=1) for each in (mean[skill], skill))
+        recordings.append(rollout(env, agent.act, latent, latent_skill)[0])
     recording = Trajectories.join(recordings)
     successes = int(recording.success.sum())
     return Randomised(

@@ -14,10 +14,10 @@ from skillcli.evaluation.inputs import replanning, transfer_eval_inputs
 from skillcli.evaluation.library import Library, check_untouched, open_library
 from skillcli.evaluation.replanning import Replanner
 from skillcli.evaluation.transfer_evaluator import NOMINAL, TargetRobots, TransferEvaluator
-from skillcli.evaluation.transfer_report import domain_report, most_harmful_first, one_at_a_time, source_report
+from skillcli.evaluation.transfer_results import most_harmful_first, one_at_a_time, summarize_domain, summarize_source
 from skillcli.kinds import COMPOSE, TRANSFER_EVAL
 from skillcli.kinds.transfer_eval import TargetRobot, TransferEvalMeasured, TransferEvalResults
-from skillcli.progress import Progress, Report, silent
+from skillcli.progress import OnProgress, Progress, silent
 from skillcli.recipe import Recipe
 from skillcli.robots.robot import Robot
 from skillcli.simulation.domains import find_domains
@@ -34,7 +34,7 @@ def transfer_eval(
     seed: int,
     command: str,
     name: str | None = None,
-    report: Report = silent,
+    on_progress: OnProgress = silent,
     robot: Robot | None = None,
     sensitivity: bool = False,
 ) -> Artifact:
@@ -51,7 +51,7 @@ def transfer_eval(
         seed: of the drawn parameters; the same episodes for every composition.
         command: as typed, for the record.
         name: first part of the new id; by default that of the source.
-        report: told where the evaluation stands.
+        on_progress: called with where the evaluation stands.
         robot: the model that episodes run on, the source's by default; planning again stays on the source's.
         sensitivity: whether to run every domain again with each of its parameters alone.
 
@@ -73,21 +73,21 @@ def transfer_eval(
     trial.check()
     # nothing goes on by chance in the source: one episode of each route or skill says it all
     reference = TransferEvaluator(library, seed, library.world).run(once, NOMINAL)
-    rate, rounds = float(reference.success.mean()), _Rounds(trial, once, report)
+    rate, rounds = float(reference.success.mean()), _Rounds(trial, once, on_progress)
     targets = [target.first(rounds.count(target)) for target in drawn]
     alone = {target.name: one_at_a_time(target) if sensitivity else {} for target in targets}
     rounds.expect([*targets, *(one for each in alone.values() for one in each.values())])
     recordings: list[Trajectories] = []
-    errors, reports = [], []
+    errors, domain_results = [], []
     for target in targets:
         first = sum(recording.episodes for recording in recordings)
         recordings.append(rounds.play(target, target.name))
         errors.append(trial.replay(reference, target, target.episodes))
-        report_alone = None
+        alone_results = None
         if sensitivity:
             rows = {name: (one, rounds.play(one, f"{target.name}, {name} alone")) for name, one in alone[target.name].items()}
-            report_alone = most_harmful_first(rows)
-        reports.append(domain_report(target, recordings[-1], errors[-1], rate, first, report_alone))
+            alone_results = most_harmful_first(rows)
+        domain_results.append(summarize_domain(target, recordings[-1], errors[-1], rate, first, alone_results))
     together = Trajectories.join(recordings)
     return store.write(
         Draft(
@@ -105,8 +105,8 @@ def transfer_eval(
                 **{f"trajectories/{field}": array for field, array in together.arrays().items()},
             },
             results=TransferEvalResults(
-                source=source_report(reference),
-                domains=tuple(reports),
+                source=summarize_source(reference),
+                domains=tuple(domain_results),
                 robot=None if robot is None else TargetRobot.read({**robot.summary, "fingerprint": robot.fingerprint}),
                 replanned=replanner is not None,
             ).json(),
@@ -132,7 +132,7 @@ class _Rounds:
 
     trial: TransferEvaluator
     once: EpisodeSchedule  # one episode of each route or skill
-    report: Report
+    on_progress: OnProgress
     total: int = 0
     done: int = 0
     success: dict[str, float] = field(default_factory=dict)  # by target, so far
@@ -149,12 +149,12 @@ class _Rounds:
         """All episodes of a target."""
         before, count = self.done, self.count(target)
 
-        def told(episode: int, _: int) -> None:
+        def on_episode(episode: int, _: int) -> None:
             self.done = before + episode
             self._tell(f"{what}, episode {episode + 1} of {count}")
 
         self._tell(what)
-        recording = self.trial.run(self.once.in_turn(count), target.first(count), told)
+        recording = self.trial.run(self.once.in_turn(count), target.first(count), on_episode)
         self.done = before + count
         if what == target.name:
             self.success[what] = float(recording.success.mean())
@@ -162,4 +162,4 @@ class _Rounds:
         return recording
 
     def _tell(self, note: str) -> None:
-        self.report(Progress(TRANSFER_EVAL.name, self.done, self.total, "episodes", success=dict(self.success), note=note))
+        self.on_progress(Progress(TRANSFER_EVAL.name, self.done, self.total, "episodes", success=dict(self.success), note=note))

@@ -22,7 +22,9 @@ class TaskEnvironment(Protocol):
     privileged_terms: tuple[ObservationTerm, ...]
     recorded: Mapping[str, int]  # fields of a recording beside the joints, and how many numbers each has
 
-    def __call__(self, task: Any, robot: Robot, goals: Array, num: int, threads: int = 0, delay: bool = False) -> Environment:
+    def __call__(
+        self, task: Any, robot: Robot, goals: Array, num_envs: int, threads: int = 0, delay: bool = False
+    ) -> Environment:
         """N simulations; see `ArmEnvironment`."""
 
     def observation_terms(self, task: Any, joints: int) -> tuple[ObservationTerm, ...]:

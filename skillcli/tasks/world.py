@@ -68,18 +68,18 @@ class World:
         started = getattr(self.task, "start", ()) or self.robot.start(self.task.name)
         return replace(self, task=self.task.model_copy(update={"start": own or started}), robot=robot)
 
-    def make(self, num: int, threads: int = 0, delay: bool = False) -> Environment:
+    def make_env(self, num_envs: int, threads: int = 0, delay: bool = False) -> Environment:
         """N simulations.
 
         Args:
-            num: simulations.
+            num_envs: simulations.
             threads: of the engine, 0 for all cores; results do not depend on it.
             delay: whether a domain may delay the actuators.
 
         Raises:
             UsageError: the robot does not fit the task.
         """
-        env = self.spec.environment()(self.task, self.robot, self.goals, num, threads, delay)
+        env = self.spec.environment()(self.task, self.robot, self.goals, num_envs, threads, delay)
         if env.robot is not self.robot:
             raise UsageError(
                 f"the environment of the {self.task.name} task leaves the robot out",
@@ -87,7 +87,7 @@ class World:
             )
         return env
 
-    def stand(self, skill: Array, parameters: Mapping[str, Array], rng: Rng, threads: int = 0) -> Environment:
+    def make_randomized_env(self, skill: Array, parameters: Mapping[str, Array], rng: Rng, threads: int = 0) -> Environment:
         """N simulations at the start, each a robot of its own.
 
         Args:
@@ -95,10 +95,10 @@ class World:
             parameters: what differs between them, (N,) or (N, n) by name, see `skillcli.config.randomization`; nothing where
                 empty.
             rng: of what goes on by chance in them, sensor noise and pushes; one for all, or one for each.
-            threads: as for `make`.
+            threads: as for `make_env`.
         """
-        env = self.make(len(skill), threads, "latency" in parameters)
-        begin(env, skill, parameters, rng)
+        env = self.make_env(len(skill), threads, "latency" in parameters)
+        randomize_and_reset(env, skill, parameters, rng)
         return env
 
     @property
@@ -168,8 +168,8 @@ class World:
         return tuple(np.array([self.place_goal(goal) for goal in route]) for route in known[name])
 
 
-def begin(env: Environment, skill: Array, parameters: Mapping[str, Array], rng: Rng) -> None:
-    """Make simulations the robots of `parameters`, and put them at the start; see `World.stand`."""
+def randomize_and_reset(env: Environment, skill: Array, parameters: Mapping[str, Array], rng: Rng) -> None:
+    """Make simulations the robots of `parameters`, and put them at the start; see `World.make_randomized_env`."""
     if parameters:
         env.randomize(parameters, rng)
     env.reset(np.arange(len(skill)), skill)

@@ -10,7 +10,7 @@ import pytest
 from command import TINY_SET, made, skill
 from rich.console import Console
 
-from skillcli.cli import progress_view as watching
+from skillcli.cli import progress_view
 from skillcli.cli.session import Session
 from skillcli.progress import Progress
 
@@ -21,7 +21,7 @@ FULL = Progress("pretrain", 30, 60, "iterations", 18432.4, MANY, "final distance
 
 def shown(progress: Progress, width: int, **options: bool) -> list[str]:
     console = Console(width=width, file=io.StringIO(), **options)
-    console.print(watching.panel(progress, "0:34"))
+    console.print(progress_view.panel(progress, "0:34"))
     assert isinstance(console.file, io.StringIO)
     return console.file.getvalue().splitlines()
 
@@ -38,8 +38,8 @@ def test_the_panel_fits_and_shows_every_skill(width: int) -> None:
 
 
 def test_a_bar_says_in_signs_and_numbers_what_it_says_in_colours() -> None:
-    assert watching.skill_bar("up", 0.5, 4).plain == "up   ━━━╌╌╌  50%"
-    assert watching.skill_bar("a long name", 1.0, 6).plain == "a lon… ━━━━━━ 100%"
+    assert progress_view.skill_bar("up", 0.5, 4).plain == "up   ━━━╌╌╌  50%"
+    assert progress_view.skill_bar("a long name", 1.0, 6).plain == "a lon… ━━━━━━ 100%"
 
 
 def test_without_colour_nothing_is_coloured(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -55,11 +55,11 @@ def test_nothing_is_said_of_what_was_not_measured() -> None:
 
 def test_a_pipe_gets_a_plain_line_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 0.0
-    monkeypatch.setattr(watching.time, "monotonic", lambda: now)
+    monkeypatch.setattr(progress_view.time, "monotonic", lambda: now)
     console = Console(width=60, file=io.StringIO())
-    report = watching.plain(console)
+    on_progress = progress_view.plain(console)
     for now in range(41):
-        report(Progress("pretrain", now, 60, "iterations", 1000.0, {"[up]": 0.5}, "note", 0.9))
+        on_progress(Progress("pretrain", now, 60, "iterations", 1000.0, {"[up]": 0.5}, "note", 0.9))
     assert isinstance(console.file, io.StringIO)
     lines = console.file.getvalue().splitlines()
     assert len(lines) == 4 and "\x1b" not in console.file.getvalue()
@@ -68,8 +68,8 @@ def test_a_pipe_gets_a_plain_line_now_and_then(monkeypatch: pytest.MonkeyPatch) 
 
 def test_the_time_left_does_not_rise_while_a_unit_of_work_takes_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 0.0
-    monkeypatch.setattr(watching.time, "monotonic", lambda: now)
-    clock, left = watching.Clock(), []
+    monkeypatch.setattr(progress_view.time, "monotonic", lambda: now)
+    clock, left = progress_view.Clock(), []
     for now in range(0, 95, 5):  # ten seconds for each of ten episodes, but forty for the third
         done = min(now // 10, 2) if now < 60 else 3 + (now - 60) // 10
         left.append(clock.left(Progress("transfer-eval", int(done), 10, "episodes")))
@@ -82,7 +82,7 @@ def test_the_time_left_does_not_rise_while_a_unit_of_work_takes_its_time(monkeyp
 def test_a_pipe_gets_no_control_characters_and_nothing_when_quiet(
     quiet: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(watching, "PLAIN_SECONDS", 0.0)
+    monkeypatch.setattr(progress_view, "PLAIN_SECONDS", 0.0)
     result = skill("--store", tmp_path, *(["--quiet"] if quiet else []), *SMALL)
     assert result.code == 0 and "\x1b" not in result.err + result.out
     assert (result.err == "") is quiet
@@ -92,8 +92,8 @@ def test_a_pipe_gets_no_control_characters_and_nothing_when_quiet(
 def test_a_dumb_terminal_gets_plain_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     console = Console(file=io.StringIO(), force_terminal=True, _environ={"TERM": "dumb"})
     monkeypatch.setattr(Session, "err", property(lambda _: console))
-    with Session(Path()).progress() as report:
-        report(FULL)
+    with Session(Path()).progress() as on_progress:
+        on_progress(FULL)
     assert isinstance(console.file, io.StringIO)
     assert "\x1b" not in console.file.getvalue()
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from command import files, made, skill
 
-from skillcli.cli import terminal_plots as drawings
+from skillcli.cli import terminal_plots
 from skillcli.cli.terminal import Terminal
 from skillcli.store import STAGES
 
@@ -68,11 +68,11 @@ def test_show_draws_recipe_curves_and_lineage(store: Path) -> None:
 
 
 def test_a_sparkline_shows_the_course_of_a_curve() -> None:
-    assert drawings.sparkline(np.arange(8)) == "▁▂▃▄▅▆▇█"
-    assert drawings.sparkline([3, 3, 3]) == "▁▁▁"
-    assert drawings.sparkline([0, np.nan, 7]) == "▁ █"
-    assert drawings.sparkline([np.nan]) == " "
-    assert len(drawings.sparkline(np.arange(1000))) == drawings.WIDTH
+    assert terminal_plots.sparkline(np.arange(8)) == "▁▂▃▄▅▆▇█"
+    assert terminal_plots.sparkline([3, 3, 3]) == "▁▁▁"
+    assert terminal_plots.sparkline([0, np.nan, 7]) == "▁ █"
+    assert terminal_plots.sparkline([np.nan]) == " "
+    assert len(terminal_plots.sparkline(np.arange(1000))) == terminal_plots.WIDTH
 
 
 @pytest.mark.slow
@@ -190,7 +190,7 @@ def test_the_shell_completes_ids_without_loading_anything_slow(store: Path) -> N
 
 def test_square_brackets_in_a_recipe_are_text() -> None:
     console = Terminal(width=60, record=True)
-    console.print(drawings.recipe({"description": "goals [/x] and [bold]"}))
+    console.print(terminal_plots.recipe({"description": "goals [/x] and [bold]"}))
     assert "goals [/x] and [bold]" in console.export_text()
 
 

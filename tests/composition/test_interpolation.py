@@ -50,7 +50,7 @@ def test_the_report_gives_every_pair_and_the_neighbours_apart() -> None:
     start, end = square[pair[:, 0]][:, None], square[pair[:, 1]][:, None]
     way = start + share[None, :, None] * (end - start)
     diagonal = (np.abs(square[pair[:, 1]] - square[pair[:, 0]]).sum(axis=1) == 2)[:, None, None]
-    report = Calibration(pair, share, np.where(diagonal, start, way), square).report(NAMES)
+    report = Calibration(pair, share, np.where(diagonal, start, way), square).summary(NAMES)
     assert len(report["pairs"]) == report["pair_count"] == 6 and report["neighbours"]["pair_count"] == 4
     assert report["neighbours"]["mean_error"] == 0 and report["mean_error"] == pytest.approx(2 * 0.5 / 6)
     assert report["mean_error_at_half"] == pytest.approx(2 * 0.5 / 6) and report["monotone_share"] == 1
@@ -59,5 +59,5 @@ def test_the_report_gives_every_pair_and_the_neighbours_apart() -> None:
 
 
 def test_without_pairs_there_is_nothing_to_average() -> None:
-    report = Calibration(np.zeros((0, 2), dtype=int), SHARE, np.zeros((0, 5, 3)), np.zeros((1, 3))).report(("1",))
+    report = Calibration(np.zeros((0, 2), dtype=int), SHARE, np.zeros((0, 5, 3)), np.zeros((1, 3))).summary(("1",))
     assert report["pairs"] == [] and report["mean_error"] is None

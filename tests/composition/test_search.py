@@ -226,8 +226,8 @@ def pushing(waypoints: list[tuple[float, ...]], **changes: object) -> tuple[Unif
 def lead(plan: UniformCostSearch, node: Node, *ends: tuple[tuple[float, ...], tuple[float, ...]]) -> list[Node]:
     """Tell that one step from a node led to these places of box and gripper; returns the children kept."""
     path = np.array([[[node.keypoints[0], end]] for end in ends])
-    rows = path[:, -1].reshape(len(ends), -1)
-    outcome = Outcome(path, np.zeros((len(ends), 1), dtype=bool), rows)
+    sim_states = path[:, -1].reshape(len(ends), -1)
+    outcome = Outcome(path, np.zeros((len(ends), 1), dtype=bool), sim_states)
     return plan.tell([node] * len(ends), np.zeros(len(ends), dtype=int), outcome, 1)
 
 

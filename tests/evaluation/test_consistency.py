@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from command import skill
 from forge import forge
-from worlds import make, sizes
+from worlds import make_env, sizes
 
 from skillcli.errors import StoreError
 from skillcli.evaluation.consistency import check_meaning
@@ -236,7 +236,7 @@ def test_sizes_of_weights_are_those_of_the_networks(name: str) -> None:
     ]
     for overrides in variants:
         one = load_recipe(name, overrides)
-        env = make(one.task, 1)
+        env = make_env(one.task, 1)
         assert sizes(one.task) == (env.observation_size, env.action_size, env.privileged_size)
         agent = Agent(one, env.observation_size, env.action_size, env.goals, privileged=env.privileged_size)
         assert weight_shapes(one, *sizes(one.task)) == {path: array.shape for path, array in agent.arrays().items()}
@@ -245,7 +245,7 @@ def test_sizes_of_weights_are_those_of_the_networks(name: str) -> None:
 def test_sizes_of_an_observation_follow_the_task() -> None:
     for given in ({"observe_command": True}, {"observe_place": True}, {"observe_command": True, "observe_place": True}):
         task = resolve({"name": "p", "task": {"name": "push", **given}}).task
-        assert sizes(task)[0] == make(task, 1).observation_size
+        assert sizes(task)[0] == make_env(task, 1).observation_size
 
 
 def test_a_parent_of_another_kind_is_no_library(chain: Path, tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from worlds import make, push_env, target_robot, world
+from worlds import make_env, push_env, target_robot, world
 
 from skillcli.cli.tables import _gave_up
 from skillcli.composition.latent_environment import LatentEnvironment
@@ -40,7 +40,7 @@ class Joints:
 
 
 def target(robot: Path | None = None, **parameters: float) -> ArmEnvironment:
-    env = make(ReachTask(), 1, 1, delay=True, robot=target_robot(robot) if robot else None)
+    env = make_env(ReachTask(), 1, 1, delay=True, robot=target_robot(robot) if robot else None)
     assert isinstance(env, ArmEnvironment)
     if parameters:
         env.randomize({name: np.array([value]) for name, value in parameters.items()}, np.random.default_rng(3))
@@ -80,32 +80,32 @@ def test_an_arm_that_hangs_is_told_from_how_it_rests() -> None:
     hangs, known, env = hanging()[1], Identification(world(ReachTask())), target(SAGGING)
     assert np.abs(hangs).max() > 0.02, "more than a degree"
     for seed in range(3):
-        known.learn(*segment(env, seed))
+        known.update(*segment(env, seed))
     np.testing.assert_allclose(known.sag, hangs, atol=0.006), "it hangs otherwise in every pose"
-    assert known.lateness == 0.0
-    known.begin()
+    assert known.latency == 0.0
+    known.reset()
     assert not known.sag.any(), "another target"
 
 
 def test_after_a_fifth_of_a_second_most_of_it_is_known() -> None:
     known, hangs = Identification(world(ReachTask())), hanging()[1]
-    known.learn(*segment(target(SAGGING), 0, steps=4))
+    known.update(*segment(target(SAGGING), 0, steps=4))
     assert known.sag[1] / hangs[1] > 0.5, "dry friction holds it up for a moment"
 
 
 def test_an_arm_that_is_imagined_to_hang_stays_where_it_hangs() -> None:
     env, hangs = hanging()
     here = env.arms.gripper_position[0].copy()
-    planner = make(ReachTask(), 3, 1)
+    planner = make_env(ReachTask(), 3, 1)
     planner.set_estimated_state(
         np.array([1, 2]), np.repeat(env.estimate_state().state, 2, axis=0), np.stack([hangs, 0 * hangs])
     )
-    rows = planner.save(np.array([1]))
+    sim_states = planner.save(np.array([1]))
     for _ in range(20):
         planner.step(np.zeros((3, 7)))
     told, untold = np.linalg.norm(planner.achieved_goal()[1:] - here, axis=1)
     assert told < 0.002 and untold > 0.01, "an arm that carries its weight rises to its targets: every plan began with that"
-    planner.restore(np.array([0]), rows)
+    planner.restore(np.array([0]), sim_states)
     for _ in range(20):
         planner.step(np.zeros((3, 7)))
     assert np.linalg.norm(planner.achieved_goal()[0] - here) < 0.002, "what pulls it down is part of the state"
@@ -115,16 +115,16 @@ def test_an_arm_that_is_imagined_to_hang_stays_where_it_hangs() -> None:
 def test_how_late_a_hanging_arm_obeys_is_told_beside(latency: float) -> None:
     env, known = target(SAGGING, latency=latency, joint_noise=0.005), Identification(world(ReachTask()))
     for seed in range(3):
-        known.learn(*segment(env, seed))
-    assert known.lateness == latency
+        known.update(*segment(env, seed))
+    assert known.latency == latency
 
 
 def test_a_joint_that_is_stuck_does_not_decide_how_late_the_others_are() -> None:
     env, known = target(), Identification(world(ReachTask()))
     for seed in range(3):
         begun, applied, measured = segment(env, seed)
-        known.learn(begun, applied, [np.array([*joints[:6], begun[0, 6]]) for joints in measured])
-    assert known.lateness == 0.0 and (np.abs(known.sag) <= env.arms.largest_sag).all()
+        known.update(begun, applied, [np.array([*joints[:6], begun[0, 6]]) for joints in measured])
+    assert known.latency == 0.0 and (np.abs(known.sag) <= env.arms.largest_sag).all()
 
 
 # --- limits of the box ------------------------------------------------------------------------------------------------
@@ -136,12 +136,12 @@ def tipping(monkeypatch: pytest.MonkeyPatch, replanner: Replanner, when: object)
         assert isinstance(env, ArmEnvironment)
         monkeypatch.setattr(
             env, "violations",
-            lambda env=env: np.column_stack([np.zeros((env.num, 4), dtype=bool), when(env)]),  # type: ignore[operator]
+            lambda env=env: np.column_stack([np.zeros((env.num_envs, 4), dtype=bool), when(env)]),  # type: ignore[operator]
         )  # fmt: skip
 
 
 def next_label(replanner: Replanner) -> str:
-    env = make(PushTask(), 1, 1)
+    env = make_env(PushTask(), 1, 1)
     waypoints = np.array([[0.7, 0.1, 0.0]])
     return replanner.next(env.estimate_state(), waypoints, np.random.default_rng(0)).segment.label
 
@@ -153,7 +153,7 @@ def test_what_tips_the_box_is_not_held_and_where_everything_does_something_is(mo
     tipping(monkeypatch, replanner, lambda env: np.sign(env.applied[:, 0]) == turned.get(free, 2.0))
     kept = next_label(replanner)
     assert free in turned and kept != free
-    tipping(monkeypatch, replanner, lambda env: np.ones(env.num, dtype=bool))
+    tipping(monkeypatch, replanner, lambda env: np.ones(env.num_envs, dtype=bool))
     assert next_label(replanner) == free, "the least bad, and no freezing"
 
 
@@ -168,13 +168,13 @@ def test_limits_that_noise_breaks_by_itself_are_left_to_the_arm() -> None:
 
 def dragged(drag: tuple[float, float, float], reflex: Reflex | None) -> float:
     """How far a box tips, in degrees, that a finger comes down on beside the middle of its top and then drags, m a step."""
-    env = make(PushTask(), 1, 1, delay=True)
+    env = make_env(PushTask(), 1, 1, delay=True)
     assert isinstance(env, PushEnvironment)
     env.randomize({"contact_friction": np.array([1.3]), "latency": np.array([0.05])}, np.random.default_rng(0))
     env.reset(FIRST, FIRST)
     above, lowest = env.arms.object_pose[0, :3] + [-0.025, 0, 0.042], 1.0
     if reflex:
-        reflex.begin(env.estimate_state())
+        reflex.reset(env.estimate_state())
     for step in range(80):
         way = np.clip(above - env.arms.gripper_position[0], -0.02, 0.02) if step < 25 else np.array(drag)
         answer = reflex.action(env.estimate_state(), np.zeros(7)) if reflex else None
@@ -198,7 +198,7 @@ def test_a_lean_that_grows_is_answered_against_it_and_one_that_rests_is_not() ->
     env, imagined = push_env(PushTask(), 1), push_env(PushTask(), 1)
     reflex = Reflex(imagined)
     for degrees, answered in ((0, False), (4, True)):  # 12 degrees are foreseen
-        reflex.begin(sighting(env, 0))
+        reflex.reset(sighting(env, 0))
         before = env.arms.gripper_position[0].copy()
         assert reflex.action(sighting(env, degrees / 2), np.zeros(7)) is None
         action = reflex.action(sighting(env, 2 * degrees), np.zeros(7))
@@ -210,7 +210,7 @@ def test_a_lean_that_grows_is_answered_against_it_and_one_that_rests_is_not() ->
     assert moved[2] > 0.003 and moved[0] < -0.002, "up, and back from where it leans"
     for _ in range(2):
         assert reflex.action(sighting(env, 0), np.zeros(7)) is None, "it stands, and the finger is far off"
-    reflex.begin(sighting(env, 11))
+    reflex.reset(sighting(env, 11))
     for _ in range(3):
         assert reflex.action(sighting(env, 11), np.zeros(7)) is None, "a table may be tilted"
 
@@ -218,7 +218,7 @@ def test_a_lean_that_grows_is_answered_against_it_and_one_that_rests_is_not() ->
 def test_a_finger_that_cannot_get_away_is_left_to_the_next_plan() -> None:
     env = push_env(PushTask(), 1)
     reflex = Reflex(push_env(PushTask(), 1))
-    reflex.begin(sighting(env, 0))
+    reflex.reset(sighting(env, 0))
     answers = [reflex.action(sighting(env, 20), np.zeros(7)) is not None for _ in range(42)]
     assert answers == 2 * ([True] * 20 + [False])
 
@@ -228,7 +228,7 @@ def test_a_box_that_begins_to_tip_ends_the_segment(monkeypatch: pytest.MonkeyPat
     up, answers = np.full((1, 7), 0.25), iter([False, False, True, True])
     assert replanner.reflex is not None
     monkeypatch.setattr(replanner.reflex, "action", lambda *_: up if next(answers, False) else None)
-    env = make(PushTask(), 1, 1)
+    env = make_env(PushTask(), 1, 1)
     recording = replanner.episode(env, np.array([[0.75, 0.0, 0.0]]), 6, seed=0)
     np.testing.assert_allclose(recording.action[0, 2:4], 0.25 * LIMIT, rtol=1e-5)
     assert (recording.skill[0, 2:4] == -1).all() and (recording.latent[0, 2:4] == 0).all(), "no latent is held"

@@ -17,12 +17,12 @@ class Line:
     control_period, tolerance = 0.5, 0.1
 
     def __init__(self, targets: list[float], fails: dict[int, int] | None = None) -> None:
-        self.num = len(targets)
+        self.num_envs = len(targets)
         self.desired_goal = np.array([[t, 0.0, 0.0] for t in targets])
-        self.x = np.zeros(self.num)
-        self.applied = np.zeros((self.num, 1))
+        self.x = np.zeros(self.num_envs)
+        self.applied = np.zeros((self.num_envs, 1))
         self.fails, self.taken = fails or {}, 0
-        self.unstable = np.zeros(self.num, dtype=bool)
+        self.unstable = np.zeros(self.num_envs, dtype=bool)
 
     def observe(self) -> Array:
         return self.x[:, None].astype(np.float32)
@@ -33,14 +33,14 @@ class Line:
     def violations(self) -> Array:
         return np.stack([self.x > 1.5, self.x < 0], axis=1)
 
-    def snapshot(self) -> dict[str, Array]:
+    def recorded_state(self) -> dict[str, Array]:
         return {"gripper_position": self.achieved_goal()}
 
     def step(self, action: Array) -> Any:
         self.taken += 1
         self.applied = action
         self.x = self.x + action[:, 0]
-        terminated = np.array([self.fails.get(i) == self.taken for i in range(self.num)])
+        terminated = np.array([self.fails.get(i) == self.taken for i in range(self.num_envs)])
         return SimpleNamespace(observation=self.observe(), reward=-self.x, terminated=terminated)
 
 
@@ -67,8 +67,8 @@ def test_a_point_of_a_tasks_own_is_judged_where_it_is() -> None:
         def achieved_goal(self) -> Array:
             return np.stack([0 * self.x, 0 * self.x, self.x], axis=1)
 
-        def snapshot(self) -> dict[str, Array]:
-            return {"object_pose": np.concatenate([self.achieved_goal(), np.tile([1.0, 0, 0, 0], (self.num, 1))], axis=1)}
+        def recorded_state(self) -> dict[str, Array]:
+            return {"object_pose": np.concatenate([self.achieved_goal(), np.tile([1.0, 0, 0, 0], (self.num_envs, 1))], axis=1)}
 
     env = Lift([0.0, 0.0])
     env.desired_goal[1, 2] = 4.0

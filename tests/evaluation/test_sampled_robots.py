@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from command import made, skill
-from worlds import JOINTS, SAWYER, make, world
+from worlds import JOINTS, SAWYER, make_env, world
 
 from skillcli.config.randomization import PARAMETERS
 from skillcli.evaluation.replanning import ReplannedEpisode, Replanner
@@ -41,7 +41,7 @@ def test_what_a_composition_asks_for() -> None:
 
 def test_simulation_i_is_robot_i_modulo_their_number() -> None:
     robots = SampledRobots.ensemble("real-like", 3, 1, JOINTS)
-    env = robots.simulations(world(ReachTask()), 2)
+    env = robots.make_env(world(ReachTask()), 2)
     start = env.save(np.arange(6))
     env.step(np.full((6, 7), 0.5))
     moved = env.achieved_goal()
@@ -147,7 +147,7 @@ class Perfect:
 def test_replanning_arrives_although_the_robot_starts_elsewhere(push: float) -> None:
     recipe = resolve({"name": "r", "task": {"name": "reach"}, "search": {"segments": [0.1, 0.4], "weight": 4.0}})
     replanner = Replanner(Perfect(), recipe, "search")  # type: ignore[arg-type]
-    target = make(recipe.task, 1)
+    target = make_env(recipe.task, 1)
     target.randomize({"start_offset": np.array([[push, 0, 0, 0, 0, 0, 0]])}, np.random.default_rng(0))
     target.reset(np.array([0]), np.array([0]))
     waypoints = np.array([[0.6, 0.2, 0.25], [0.6, 0.0, 0.25]])
@@ -161,7 +161,7 @@ def test_after_half_of_the_time_what_the_judge_takes_is_near_enough(monkeypatch:
     monkeypatch.setattr(ReplannedEpisode, "_hopeless", lambda _: False)  # however sure a plan is to end nearer
     near = {"segments": [0.1], "weight": 4.0, "goal_tolerance": 1e-6}  # m: no two of these actions lead there
     recipe = resolve({"name": "r", "task": {"name": "reach"}, "search": near, "transfer": {"replan_budget": 4}})
-    target = make(recipe.task, 1)
+    target = make_env(recipe.task, 1)
     target.reset(np.array([0]), np.array([0]))
     episode = Replanner(Perfect(), recipe, "search").episode(target, np.array([[0.6, 0.1, 0.25]]), 60, seed=0)
     assert episode.success[0] and 30 <= episode.length[0] < 60

@@ -23,7 +23,7 @@ from skillcli.evaluation.episode_schedule import EpisodeSchedule
 from skillcli.evaluation.inputs import transfer_eval_inputs
 from skillcli.evaluation.library import Library, open_library
 from skillcli.evaluation.transfer_evaluator import NOMINAL, TargetRobots, TransferEvaluator
-from skillcli.evaluation.transfer_report import broken, most_harmful_first, one_at_a_time, outcome, worst
+from skillcli.evaluation.transfer_results import broken, most_harmful_first, one_at_a_time, outcome, worst
 from skillcli.progress import Progress
 from skillcli.recipe import resolve
 from skillcli.simulation.domains import find_domain, find_domains
@@ -313,7 +313,7 @@ def test_what_repeats_is_played_once_and_has_no_interval(copy: Store, tmp_path: 
 @pytest.mark.parametrize("settings", [[], REPLAN])
 def test_progress_counts_episodes_over_all_domains(copy: Store, settings: list[str]) -> None:
     told: list[Progress] = []
-    moved(copy, ["nominal", "mild"], *settings, episodes=3, report=told.append)
+    moved(copy, ["nominal", "mild"], *settings, episodes=3, on_progress=told.append)
     told = [each for each in told if each.stage == "transfer-eval"]
     done = [each.done for each in told]
     assert {(each.total, each.unit) for each in told} == {(4, "episodes")}

@@ -32,16 +32,16 @@ def ddpg(choices: Array | None = None, seed: int = 0, **changes: object) -> Ddpg
     return DdpgComposer(2, BOX, choices, DDPG.model_copy(update=changes), seed)
 
 
-def teach(composer: DdpgComposer | PpoComposer, rounds: int, num: int, steps: int = 2) -> Array:
+def teach(composer: DdpgComposer | PpoComposer, rounds: int, num_envs: int, steps: int = 2) -> Array:
     """Episodes in which every step gives minus the distance of the latent to the goal; the greedy latents (T, d)."""
     chosen = np.zeros((steps, 2))
     for _ in range(rounds):
-        features = np.zeros((num, 2))
+        features = np.zeros((num_envs, 2))
         for t in range(steps):
             latent = composer.act(features)
-            chosen[t], features = latent[0], np.full((num, 2), (t + 1) / steps)
-            composer.observe(-np.linalg.norm(latent - GOAL, axis=1), features, np.zeros(num, dtype=bool))
-        composer.update(np.ones((steps, num), dtype=bool))
+            chosen[t], features = latent[0], np.full((num_envs, 2), (t + 1) / steps)
+            composer.observe(-np.linalg.norm(latent - GOAL, axis=1), features, np.zeros(num_envs, dtype=bool))
+        composer.update(np.ones((steps, num_envs), dtype=bool))
     return chosen
 
 

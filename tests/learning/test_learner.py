@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from worlds import SAWYER, make
+from worlds import SAWYER, make_env
 
 from skillcli.learning import te_ppo
 from skillcli.learning.agent import windows
@@ -47,8 +47,8 @@ PUSHED = load_recipe(
 )
 
 
-def learner(seed: int = 0, num: int = 8, recipe: Recipe = RECIPE) -> Learner:
-    return Learner(make(recipe.task, num, delay="latency" in recipe.randomisation.ranges), recipe, seed)
+def learner(seed: int = 0, num_envs: int = 8, recipe: Recipe = RECIPE) -> Learner:
+    return Learner(make_env(recipe.task, num_envs, delay="latency" in recipe.randomisation.ranges), recipe, seed)
 
 
 def run(trained: Learner, iterations: int) -> Learner:
@@ -171,7 +171,7 @@ def test_exploration_that_comes_down_is_not_the_policys_own_change() -> None:
 
 def test_a_point_learns_its_skills() -> None:
     recipe = load_recipe("point", ["training.chained_starts=0"])
-    trained = run(Learner(make(recipe.task, 32), recipe, 0), 15)
+    trained = run(Learner(make_env(recipe.task, 32), recipe, 0), 15)
     regret = -np.array(trained.curves["return"])
     assert regret[-3:].mean() < 0.8 * regret[:3].mean()
 
@@ -272,7 +272,7 @@ def test_the_pool_is_a_ring_of_the_latest_states() -> None:
 
 
 def test_chained_episodes_begin_where_earlier_ones_passed() -> None:
-    env, rng, pool = make(PointTask(), 400), np.random.default_rng(0), StartPool(10)
+    env, rng, pool = make_env(PointTask(), 400), np.random.default_rng(0), StartPool(10)
     start_episodes(env, pool, 0.7, rng)
     assert (env.achieved_goal() == 0).all(), "nothing has passed anywhere yet"
     pool.add(np.array([[1.0, 2.0]]))
@@ -288,9 +288,9 @@ class Perturbed(PointEnvironment):
 
     privileged_size = 1
 
-    def __init__(self, task: PointTask, num: int) -> None:
+    def __init__(self, task: PointTask, num_envs: int) -> None:
         self.given: list[dict[str, Array]] = []
-        super().__init__(task, SAWYER, skill_goals(task), num)
+        super().__init__(task, SAWYER, skill_goals(task), num_envs)
 
     def randomize(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
         self.given.append({name: values.copy() for name, values in parameters.items()})
@@ -300,12 +300,12 @@ class Perturbed(PointEnvironment):
         return self._step_limit.astype(np.float32)
 
 
-def perturbed(*changes: str, num: int = 400) -> list[dict[str, Array]]:
+def perturbed(*changes: str, num_envs: int = 400) -> list[dict[str, Array]]:
     """What ten iterations of two steps perturb their simulations with."""
     overrides = ["training.iterations=10", "task.horizon=2", "training.epochs=1", *changes]
     recipe = resolve(RECIPE.model_dump(mode="json"), overrides)
     assert isinstance(recipe.task, PointTask)
-    env = Perturbed(recipe.task, num)
+    env = Perturbed(recipe.task, num_envs)
     run(Learner(env, recipe, 0), 10)
     return env.given
 
@@ -337,14 +337,14 @@ def test_what_is_phased_in_reaches_a_growing_share_of_the_simulations() -> None:
 def test_a_span_without_length_begins_everywhere_at_once() -> None:
     given = perturbed(
         "randomisation.starts.start_offset=0.1", "randomisation.sensing.position_noise=0.01",
-        "randomisation.starts_span=[0, 0]", "randomisation.sensing_span=[0.3, 0.3]", num=8,
+        "randomisation.starts_span=[0, 0]", "randomisation.sensing_span=[0.3, 0.3]", num_envs=8,
     )  # fmt: skip
     assert reached(given, "start_offset") == [1] * 10
     assert reached(given, "position_noise") == [0] * 3 + [1] * 7
 
 
 def test_without_randomisation_nothing_is_perturbed_and_no_chance_is_spent() -> None:
-    assert perturbed("randomisation.starts_span=[0, 0]", num=8) == []
+    assert perturbed("randomisation.starts_span=[0, 0]", num_envs=8) == []
     plain = learner()
     waiting = learner(recipe=resolve(RECIPE.model_dump(mode="json"), ["randomisation.sensing_span=[0, 0]"]))
     assert same(run(plain, 2), run(waiting, 2))

@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from worlds import JOINTS, SAWYER, make, target_robot
+from worlds import JOINTS, SAWYER, make_env, target_robot
 
 from skillcli.config.randomization import sample
 from skillcli.errors import UsageError
@@ -49,8 +49,8 @@ def driven_by(actuators: str, model: str = MODEL) -> str:
     )
 
 
-def env_on(robot: Robot, task: ReachTask | PushTask = REACH, num: int = 2, delay: bool = False) -> ArmEnvironment:
-    env = make(task, num, 1, delay, robot)
+def env_on(robot: Robot, task: ReachTask | PushTask = REACH, num_envs: int = 2, delay: bool = False) -> ArmEnvironment:
+    env = make_env(task, num_envs, 1, delay, robot)
     assert isinstance(env, ArmEnvironment)
     return env
 
@@ -62,25 +62,25 @@ def timestep_of(robot: Robot) -> float:
 
 def reply(env: ArmEnvironment, joint: int = 6, steps: int = 8) -> Array:
     """A joint after each control step when it is sent off at once, (steps + 1, N) rad."""
-    env.reset(np.arange(env.num), np.zeros(env.num, dtype=np.int64))
+    env.reset(np.arange(env.num_envs), np.zeros(env.num_envs, dtype=np.int64))
     angles = [env.arms.joint_position[:, joint]]
     for _ in range(steps):
-        env.step(np.eye(7)[[joint] * env.num])
+        env.step(np.eye(7)[[joint] * env.num_envs])
         angles.append(env.arms.joint_position[:, joint])
     return np.stack(angles)
 
 
 @pytest.mark.parametrize("task", [REACH, PUSH])
 def test_shapes_are_those_of_the_source_and_states_go_back(robot: Robot, task: ReachTask | PushTask) -> None:
-    env, source = env_on(robot, task), make(task, 2, 1)
+    env, source = env_on(robot, task), make_env(task, 2, 1)
     actions = np.random.default_rng(0).uniform(-1, 1, (6, 2, 7))
     for action in actions[:3]:
         env.step(action)
-    rows, shapes = env.save(np.arange(2)), {name: values.shape for name, values in env.snapshot().items()}
-    assert shapes == {name: values.shape for name, values in source.snapshot().items()}
+    sim_states, shapes = env.save(np.arange(2)), {name: values.shape for name, values in env.recorded_state().items()}
+    assert shapes == {name: values.shape for name, values in source.recorded_state().items()}
     assert env.observe().shape == source.observe().shape and env.applied.shape == (2, 7)
     ahead = [env.step(action).observation for action in actions[3:]]
-    env.restore(np.array([1, 0]), rows[::-1])
+    env.restore(np.array([1, 0]), sim_states[::-1])
     for seen, action in zip(ahead, actions[3:], strict=True):
         np.testing.assert_array_equal(env.step(action).observation, seen)
 
@@ -292,7 +292,7 @@ def test_the_source_described_as_another_robot_moves_as_the_source(task: ReachTa
     """
     robot = target_robot(described(tmp_path, text, SAWYER.path.with_suffix(".xml").read_text(encoding="utf-8")))
     assert robot.notes == () and robot.summary["gripper_from_source_m"] == pytest.approx([0, 0, 0], abs=1e-12)
-    twin, source = env_on(robot, task), make(task, 2, 1)
+    twin, source = env_on(robot, task), make_env(task, 2, 1)
     for action in np.random.default_rng(0).uniform(-1, 1, (10, 2, 7)):
         np.testing.assert_allclose(twin.step(action).observation, source.step(action).observation, atol=1e-6)
 
@@ -424,7 +424,7 @@ def test_what_does_not_fit_is_refused_with_a_reason(text: str, model: str, said:
 def test_what_does_not_fit_the_task_is_refused_when_it_is_made(text: str, model: str, said: str, tmp_path: Path) -> None:
     robot = target_robot(described(tmp_path, text, model))
     with pytest.raises(UsageError, match=said) as caught:
-        make(PUSH, 1, robot=robot)
+        make_env(PUSH, 1, robot=robot)
     assert caught.value.hint and "robot.toml" in caught.value.message
 
 
@@ -440,7 +440,7 @@ def test_a_servo_that_cannot_be_told_to_stay_at_the_start_is_refused(tmp_path: P
     elbow = re.compile('("elbow"[^>]*ctrlrange=)"-4 4"')
     robot = target_robot(described(tmp_path, WITHOUT_GAINS, elbow.sub(r'\1"0 1"', servos)))
     with pytest.raises(UsageError, match=r"joint .elbow. starts at 1.65.* rad, and its servo takes 0 .. 1 rad") as caught:
-        make(REACH, 1, robot=robot)
+        make_env(REACH, 1, robot=robot)
     assert "ctrlrange" in caught.value.hint and "robot.toml" in caught.value.message
     env = env_on(target_robot(described(tmp_path, WITHOUT_GAINS, elbow.sub(r'\1"1 1.7"', servos))))
     for _ in range(20):
@@ -453,7 +453,7 @@ def test_an_arm_that_hangs_is_noted_with_how_far_and_what_to_do(tmp_path: Path) 
     (note,) = target_robot(described(tmp_path, sagging)).notes
     found = re.fullmatch(r"at rest the arm hangs (.*) cm off where it is told to be, 'shoulder' by (.*)°: (.*)", note)
     assert found and "`gravity_compensation = true`" in found[3]
-    env = env_on(target_robot(described(tmp_path, sagging)), num=1)
+    env = env_on(target_robot(described(tmp_path, sagging)), num_envs=1)
     start = env.achieved_goal()[0]
     for _ in range(60):
         env.step(np.zeros((1, 7)))
@@ -523,7 +523,7 @@ def test_a_missing_robot_file_and_a_task_without_a_robot_are_refused(tmp_path: P
     with pytest.raises(UsageError, match="no such file"):
         target_robot(tmp_path / "nothing.toml")
     with pytest.raises(UsageError, match="point task has no robot"):
-        make(PointTask(), 1, robot=target_robot(ROBOTS / "torque.toml"))
+        make_env(PointTask(), 1, robot=target_robot(ROBOTS / "torque.toml"))
 
 
 def test_meshes_that_are_all_there_is_to_touch_must_be_there(tmp_path: Path) -> None:

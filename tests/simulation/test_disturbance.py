@@ -52,9 +52,13 @@ def test_no_command_is_lost() -> None:
 
 def test_knocks_come_as_often_as_stated_with_the_stated_impulse() -> None:
     """Two a second and control steps of 50 ms: a step has one with probability 1 - exp(-0.1)."""
-    num = 20_000
-    parameters = {"push_rate": np.full(num, 2.0), "arm_push": np.full(num, 1.5), "object_push": np.full(num, 0.1)}
-    forces = Disturbance(parameters, num, 10, 0.05, np.random.default_rng(0)).forces()
+    num_envs = 20_000
+    parameters = {
+        "push_rate": np.full(num_envs, 2.0),
+        "arm_push": np.full(num_envs, 1.5),
+        "object_push": np.full(num_envs, 0.1),
+    }
+    forces = Disturbance(parameters, num_envs, 10, 0.05, np.random.default_rng(0)).forces()
     assert forces is not None
     for force, impulse in zip(forces, (1.5, 0.1), strict=True):
         size = np.linalg.norm(force, axis=1)

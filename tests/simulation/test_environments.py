@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from worlds import make, model_of, width
+from worlds import make_env, model_of, width
 
 from skillcli.errors import UsageError
 from skillcli.simulation.environment import Environment, Step
@@ -35,14 +35,14 @@ def test_every_task_is_tested() -> None:
     assert set(TASKS) == set(DESCRIPTIONS)
 
 
-def fresh(task: Task, num: int, threads: int = 1) -> Environment:
-    env = make(task, num, threads)
-    env.reset(np.arange(num), np.arange(num) % len(env.goals))
+def fresh(task: Task, num_envs: int, threads: int = 1) -> Environment:
+    env = make_env(task, num_envs, threads)
+    env.reset(np.arange(num_envs), np.arange(num_envs) % len(env.goals))
     return env
 
 
 def random_actions(env: Environment, steps: int, seed: int = 0) -> Array:
-    return np.random.default_rng(seed).uniform(-1, 1, (steps, env.num, env.action_size))
+    return np.random.default_rng(seed).uniform(-1, 1, (steps, env.num_envs, env.action_size))
 
 
 def drive(env: Environment, actions: Array) -> list[Step]:
@@ -73,7 +73,7 @@ def test_a_simulation_depends_neither_on_its_slot_nor_on_its_neighbours(task: Ta
     crowd, alone = fresh(task, 7), fresh(task, 1)
     slot = len(crowd.goals)  # on the first skill, like the lonely one
     actions = random_actions(crowd, STEPS)
-    if slot >= crowd.num:
+    if slot >= crowd.num_envs:
         slot, alone.desired_goal[:] = 6, crowd.desired_goal[6]
     together, single = drive(crowd, actions), drive(alone, actions[:, [slot]])
     np.testing.assert_array_equal(motion(together)[:, slot], motion(single)[:, 0])
@@ -82,14 +82,14 @@ def test_a_simulation_depends_neither_on_its_slot_nor_on_its_neighbours(task: Ta
 def test_saved_states_have_the_same_future_in_any_slot_of_any_batch(task: Task) -> None:
     env, other = fresh(task, 3), fresh(task, 5)
     drive(env, random_actions(env, STEPS))
-    rows, seen, places = env.save(np.arange(3)), env.observe(), env.keypoints()
+    sim_states, seen, places = env.save(np.arange(3)), env.observe(), env.keypoints()
     future = random_actions(env, STEPS, seed=1)
     expected = motion(drive(env, future))[..., :-1]  # the reward follows the slot's goal
     end = env.save(np.arange(3))
 
     slots, order = np.array([0, 2, 4]), np.array([2, 0, 1])
     drive(other, random_actions(other, 3, seed=2))
-    other.restore(slots, rows[order])
+    other.restore(slots, sim_states[order])
     np.testing.assert_array_equal(other.observe()[slots], seen[order])
     np.testing.assert_array_equal(other.keypoints()[slots], places[order])
     actions = random_actions(other, STEPS, seed=3)
@@ -101,17 +101,17 @@ def test_saved_states_have_the_same_future_in_any_slot_of_any_batch(task: Task) 
 def test_slots_may_be_named_in_any_order(task: Task) -> None:
     env, other = fresh(task, 3), fresh(task, 3)
     drive(env, random_actions(env, STEPS))
-    rows = env.save(np.array([2, 0, 1]))
-    other.restore(np.array([2, 0, 1]), rows)
+    sim_states = env.save(np.array([2, 0, 1]))
+    other.restore(np.array([2, 0, 1]), sim_states)
     np.testing.assert_array_equal(other.observe(), env.observe())
 
 
 def test_an_episode_begun_from_a_saved_state_has_its_clock_at_zero(task: Task) -> None:
     env = fresh(task, 2)
     drive(env, random_actions(env, 5))
-    rows = env.save(np.array([0]))
-    env.reset_to_state(np.array([1]), rows, np.array([2]))
-    np.testing.assert_array_equal(env.save(np.array([1])), rows)
+    sim_states = env.save(np.array([0]))
+    env.reset_to_state(np.array([1]), sim_states, np.array([2]))
+    np.testing.assert_array_equal(env.save(np.array([1])), sim_states)
     np.testing.assert_array_equal(env.desired_goal[1], env.goals[2])
     ends = np.stack([step.truncated for step in drive(env, random_actions(env, env.horizon))])
     assert ends.argmax(axis=0).tolist() == [env.horizon - 6, env.horizon - 1]
@@ -129,7 +129,7 @@ def test_what_is_returned_shares_no_memory_with_the_simulation(task: Task) -> No
     actions = random_actions(env, 4)
 
     def given(step: Step) -> list[Array]:
-        places = [env.achieved_goal(), env.keypoints(), env.save(np.arange(3)), *env.snapshot().values()]
+        places = [env.achieved_goal(), env.keypoints(), env.save(np.arange(3)), *env.recorded_state().values()]
         *arrays, terms = step
         return [*arrays, *terms.values(), env.observe(), env.privileged(), *places]
 
@@ -239,13 +239,13 @@ ANOTHER = {
 }  # fmt: skip
 
 
-def another(num: int) -> dict[str, Array]:
+def another(num_envs: int) -> dict[str, Array]:
     sizes = {name: width(name) for name in ANOTHER}
-    return {name: np.full(num if sizes[name] == 1 else (num, sizes[name]), value) for name, value in ANOTHER.items()}
+    return {name: np.full(num_envs if sizes[name] == 1 else (num_envs, sizes[name]), value) for name, value in ANOTHER.items()}
 
 
 def test_a_robot_that_becomes_nominal_again_does_as_one_that_always_was(task: Task) -> None:
-    env, plain = make(task, 3, 1, delay=True), make(task, 3, 1, delay=True)
+    env, plain = make_env(task, 3, 1, delay=True), make_env(task, 3, 1, delay=True)
     actions = random_actions(env, STEPS)
     for names in (ANOTHER, ["gain"], ["position_noise"]):
         env.randomize({name: values for name, values in another(3).items() if name in names}, np.random.default_rng(0))
@@ -260,13 +260,13 @@ def test_a_robot_that_becomes_nominal_again_does_as_one_that_always_was(task: Ta
 def test_chance_of_each_hangs_neither_on_how_many_there_are_nor_on_what_differs_there(task: Task) -> None:
     actions = random_actions(fresh(task, 4), STEPS)
 
-    def seen(num: int, **first: float) -> Array:
-        env, parameters = make(task, num, 1, delay=True), another(num)
+    def seen(num_envs: int, **first: float) -> Array:
+        env, parameters = make_env(task, num_envs, 1, delay=True), another(num_envs)
         for name, value in first.items():
             parameters[name][0] = value
-        env.randomize(parameters, [np.random.default_rng(simulation) for simulation in range(num)])
-        env.reset(np.arange(num), np.zeros(num, dtype=np.int64))
-        return motion(drive(env, actions[:, :num]))
+        env.randomize(parameters, [np.random.default_rng(simulation) for simulation in range(num_envs)])
+        env.reset(np.arange(num_envs), np.zeros(num_envs, dtype=np.int64))
+        return motion(drive(env, actions[:, :num_envs]))
 
     four = seen(4)
     np.testing.assert_array_equal(seen(2), four[:, :2])
@@ -293,7 +293,7 @@ def test_actions_as_commanded_lead_the_same_way_again(task: Task) -> None:
 
 def test_commands_under_way_are_part_of_a_sighting() -> None:
     late = {"latency": np.array([0.1])}
-    env, other = make(ReachTask(), 1, delay=True), make(ReachTask(), 1, delay=True)
+    env, other = make_env(ReachTask(), 1, delay=True), make_env(ReachTask(), 1, delay=True)
     for each in (env, other):
         each.randomize(late, np.random.default_rng(0))
         each.reset(np.array([0]), np.array([0]))
@@ -308,7 +308,7 @@ def test_commands_under_way_are_part_of_a_sighting() -> None:
 
 
 def test_the_lead_of_the_command_is_seen_where_the_task_says_so() -> None:
-    plain, seeing = make(ReachTask(), 2), make(ReachTask(observe_command=True), 2)
+    plain, seeing = make_env(ReachTask(), 2), make_env(ReachTask(observe_command=True), 2)
     assert (plain.observation_size, seeing.observation_size) == (10, 17)
     before = seeing.observe()
     np.testing.assert_allclose(before[:, 10:], 0, atol=1e-6)
@@ -324,6 +324,6 @@ def test_a_task_that_nobody_registered_is_no_other_task() -> None:
         goals: tuple[tuple[float, float], ...] = ((0.5, 0.0),)
         names: tuple[str, ...] = ()
 
-    for use in (lambda: make(Plain(), 1), lambda: model_of(Plain()), lambda: goal_place(Plain(), (0.5, 0.0))):
+    for use in (lambda: make_env(Plain(), 1), lambda: model_of(Plain()), lambda: goal_place(Plain(), (0.5, 0.0))):
         with pytest.raises(UsageError, match="no task 'plain'"):
             use()

@@ -24,9 +24,9 @@ CHANGED = {
 BUSY = {"push_rate": 20.0, "object_push": 0.05, "joint_drift": 0.001, "drift_time": 0.1}
 
 
-def full(num: int, values: dict[str, float]) -> dict[str, Array]:
+def full(num_envs: int, values: dict[str, float]) -> dict[str, Array]:
     sizes = {name: width(name) for name in values}
-    return {name: np.full(num if sizes[name] == 1 else (num, sizes[name]), value) for name, value in values.items()}
+    return {name: np.full(num_envs if sizes[name] == 1 else (num_envs, sizes[name]), value) for name, value in values.items()}
 
 
 def ran(kind: Any, parameters: dict[str, Array] | None, seed: int = 0, threads: int = 0, steps: int = 6) -> Array:
@@ -65,8 +65,8 @@ def test_any_other_value_changes_what_happens_or_what_is_seen(busy: Array, name:
     assert np.abs(changed - busy)[..., :13].max() > 1e-6
 
 
-def everything(num: int) -> dict[str, Array]:
-    return full(num, {name: CHANGED.get(name, 1.1) for name in PARAMETERS})
+def everything(num_envs: int) -> dict[str, Array]:
+    return full(num_envs, {name: CHANGED.get(name, 1.1) for name in PARAMETERS})
 
 
 def test_everything_at_once_hangs_on_the_generator_alone_and_not_on_threads() -> None:
@@ -105,9 +105,9 @@ def test_draws_within_the_bounds_of_every_parameter_at_once_end_in_failures_and_
 
 def test_a_state_that_is_nan_ends_its_own_episode_only() -> None:
     env = push_env(PushTask(), 3)
-    rows = env.save(np.arange(3))
-    rows[1] = np.nan
-    env.restore(np.arange(3), rows)
+    sim_states = env.save(np.arange(3))
+    sim_states[1] = np.nan
+    env.restore(np.arange(3), sim_states)
     step = env.step(np.zeros((3, 7)))
     assert step.terminated.tolist() == [False, True, False]
     assert np.isfinite(step.observation).all() and np.isfinite(step.reward).all()

@@ -59,8 +59,8 @@ def test_a_long_link_that_crosses_the_table_with_both_ends_beside_it_is_found() 
     assert depth('type="capsule" size="0.1 1.5" euler="0 90 0"', 0.05) == pytest.approx(0.05)
 
 
-def env(num: int = 2) -> ReachEnvironment:
-    return reach_env(ReachTask(), num)
+def env(num_envs: int = 2) -> ReachEnvironment:
+    return reach_env(ReachTask(), num_envs)
 
 
 def test_an_arm_at_the_start_breaks_nothing() -> None:
@@ -114,10 +114,10 @@ ON_CORNER = (0.8804762, 0.2798481, 0.3647052, 0.1159169)  # 45 degrees about y, 
 def test_a_box_is_pressed_where_its_lowest_corner_is_too_deep(orientation: tuple[float, ...], rest: float) -> None:
     push = push_env(PushTask(), 4)
     deep = np.array([-0.01, 0.9 * BOX_TOLERANCE, 1.1 * BOX_TOLERANCE, 1.1 * BOX_TOLERANCE])
-    rows = push.arms.object_pose.copy()
-    rows[:, 2], rows[:, 3:] = rest - deep, orientation
-    rows[3, 1] = 3.0  # beside the table: that is another failure
-    push.arms.reset_to(np.arange(4), push.arms.joint_position, rows)
+    poses = push.arms.object_pose.copy()
+    poses[:, 2], poses[:, 3:] = rest - deep, orientation
+    poses[3, 1] = 3.0  # beside the table: that is another failure
+    push.arms.reset_to(np.arange(4), push.arms.joint_position, poses)
     assert push.violations()[:, BOX].tolist() == [False, False, True, False]
 
 
@@ -126,9 +126,9 @@ def test_a_box_is_pressed_into_the_table_that_is_there() -> None:
     push.randomize({"table_tilt": np.array([[0.1, -0.05]] * 3), "table_height": np.full(3, 0.02)}, np.random.default_rng(0))
     push.reset(np.arange(3), np.zeros(3, dtype=np.int64))
     assert not push.violations().any()
-    rows = push.arms.object_pose.copy()
-    rows[:, 2] -= np.array([0.9, 1.1, 1.1]) * BOX_TOLERANCE
-    push.arms.reset_to(np.arange(3), push.arms.joint_position, rows)
+    poses = push.arms.object_pose.copy()
+    poses[:, 2] -= np.array([0.9, 1.1, 1.1]) * BOX_TOLERANCE
+    push.arms.reset_to(np.arange(3), push.arms.joint_position, poses)
     assert push.violations()[:, BOX].tolist() == [False, True, True]
 
 
@@ -136,13 +136,13 @@ def test_a_box_is_pressed_into_the_table_that_is_there() -> None:
 def test_a_box_that_tips_past_its_edge_has_fallen_over_and_one_that_only_turns_has_not(axis: tuple[float, float]) -> None:
     push = push_env(PushTask(), 5)
     half = np.radians([0, 44, 46, 90, 180]) / 2
-    rows = push.arms.object_pose.copy()
-    rows[:, 2] = 0.2
-    rows[:, 3:] = np.column_stack([np.cos(half), np.sin(half)[:, None] * axis, 0 * half])
-    push.arms.reset_to(np.arange(5), push.arms.joint_position, rows)
+    poses = push.arms.object_pose.copy()
+    poses[:, 2] = 0.2
+    poses[:, 3:] = np.column_stack([np.cos(half), np.sin(half)[:, None] * axis, 0 * half])
+    push.arms.reset_to(np.arange(5), push.arms.joint_position, poses)
     assert push.violations()[:, TIPPED].tolist() == [False, False, True, True, True]
-    rows[:, 3:] = np.column_stack([np.cos(half), 0 * half, 0 * half, np.sin(half)])
-    push.arms.reset_to(np.arange(5), push.arms.joint_position, rows)
+    poses[:, 3:] = np.column_stack([np.cos(half), 0 * half, 0 * half, np.sin(half)])
+    push.arms.reset_to(np.arange(5), push.arms.joint_position, poses)
     assert not push.violations()[:, TIPPED].any()
 
 

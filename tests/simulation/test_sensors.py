@@ -14,9 +14,9 @@ from skillcli.trajectories import Array
 PERIOD = 0.05
 
 
-def sensors(num: int, **parameters: Array) -> Sensors:
-    made = Sensors(parameters, num, PERIOD, np.random.default_rng(0), JOINTS)
-    made.begin(np.arange(num), np.zeros((num, 10)))
+def sensors(num_envs: int, **parameters: Array) -> Sensors:
+    made = Sensors(parameters, num_envs, PERIOD, np.random.default_rng(0), JOINTS)
+    made.reset(np.arange(num_envs), np.zeros((num_envs, 10)))
     return made
 
 
@@ -39,11 +39,11 @@ def test_each_simulation_has_its_own_latency_and_forgets_at_a_new_episode() -> N
 
 def test_drift_keeps_its_spread_and_forgets_exponentially() -> None:
     """drift_time of two periods: correlations exp(-1/2) and exp(-1) after one and two steps, spread the same for ever."""
-    num = 4000
-    drifting = sensors(num, joint_drift=np.full(num, 0.02), drift_time=np.full(num, 2 * PERIOD))
+    num_envs = 4000
+    drifting = sensors(num_envs, joint_drift=np.full(num_envs, 0.02), drift_time=np.full(num_envs, 2 * PERIOD))
     seen = [drifting.read()]
     for _ in range(6):
-        drifting.advance(np.zeros((num, 10)))
+        drifting.advance(np.zeros((num_envs, 10)))
         seen.append(drifting.read())
     joints, position = np.stack(seen)[..., :7].reshape(7, -1), np.stack(seen)[..., 7:]
     assert (position == 0).all()
@@ -66,10 +66,10 @@ def test_a_drift_does_not_change_between_two_looks_at_the_same_moment() -> None:
     np.testing.assert_array_equal(drifting.read(), drifting.read())
 
 
-def environment(num: int, **parameters: Array) -> ReachEnvironment:
-    env = reach_env(ReachTask(), num)
+def environment(num_envs: int, **parameters: Array) -> ReachEnvironment:
+    env = reach_env(ReachTask(), num_envs)
     env.randomize(parameters, np.random.default_rng(0))
-    env.reset(np.arange(num), np.zeros(num, dtype=np.int64))
+    env.reset(np.arange(num_envs), np.zeros(num_envs, dtype=np.int64))
     return env
 
 

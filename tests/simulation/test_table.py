@@ -31,10 +31,10 @@ def test_an_orientation_is_turned_in_the_base_frame() -> None:
     np.testing.assert_allclose(table.turned(about_z, about_x), [[0.5, 0.5, 0.5, 0.5]], atol=1e-15)
 
 
-def environment(num: int, **parameters: list[float] | list[list[float]]) -> PushEnvironment:
-    env = push_env(PushTask(), num)
+def environment(num_envs: int, **parameters: list[float] | list[list[float]]) -> PushEnvironment:
+    env = push_env(PushTask(), num_envs)
     env.randomize({name: np.array(values) for name, values in parameters.items()}, np.random.default_rng(0))
-    env.reset(np.arange(num), np.zeros(num, dtype=np.int64))
+    env.reset(np.arange(num_envs), np.zeros(num_envs, dtype=np.int64))
     return env
 
 

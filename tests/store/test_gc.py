@@ -23,11 +23,11 @@ from skillcli.store import (
     codec,
     collect_garbage,
     find_garbage,
+    gc,
     listing,
     save_checkpoint,
     unlock,
 )
-from skillcli.store import gc as collect
 from skillcli.store.atomic import LEFT_OVER_SECONDS, temporary_beside
 from skillcli.store.gc import GRACE_SECONDS
 from skillcli.store.process import machine_tag
@@ -163,12 +163,12 @@ def test_what_was_just_written_stays_with_what_it_was_made_from(store: Store, ma
 
 def test_removing_lets_others_in_and_looks_again(lines: Store, make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     first = ArtifactId("run", "pretrain", 1)
-    monkeypatch.setattr(collect, "HOLD_SECONDS", 0.0)
+    monkeypatch.setattr(gc, "HOLD_SECONDS", 0.0)
 
     def write_meanwhile() -> None:
         lines.write(make("compose", parents=[first]))
 
-    monkeypatch.setattr(collect, "_let_others_in", write_meanwhile)
+    monkeypatch.setattr(gc, "_let_others_in", write_meanwhile)
     assert names(collect_garbage(lines)) == ["run/embed-means-v1"]
     assert first in lines.ids()
 

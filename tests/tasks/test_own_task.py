@@ -61,7 +61,7 @@ def store(folder: Path) -> Path:
 
 def test_the_reward_is_the_one_that_is_shown(folder: Path) -> None:
     recipe = load_recipe(str(folder / "planar.toml"))
-    env = World.of(recipe).make(2, 1)
+    env = World.of(recipe).make_env(2, 1)
     env.desired_goal[:] = env.achieved_goal()
     env.desired_goal[1, 2] += 0.1  # ten centimetres above it: counted once as distance and twice as height
     reward = env.step(np.zeros((2, env.action_size))).reward
@@ -70,7 +70,7 @@ def test_the_reward_is_the_one_that_is_shown(folder: Path) -> None:
 
 def test_it_plays_on_another_robot(folder: Path) -> None:
     task = load_recipe(str(folder / "planar.toml")).task
-    own, other = world(task).make(2, 1), world(task, target_robot(SERVO)).make(2, 1)
+    own, other = world(task).make_env(2, 1), world(task, target_robot(SERVO)).make_env(2, 1)
     assert other.robot is not SAWYER and own.robot is SAWYER
     assert world(task).place_goal((0.5, 0.2)) == [0.5, 0.2, 0.25]
 

@@ -27,20 +27,22 @@ class PointEnvironment:
     privileged_terms: ClassVar[tuple[ObservationTerm, ...]] = ()
     recorded: ClassVar[Mapping[str, int]] = {"position": 2}
 
-    def __init__(self, task: PointTask, robot: Robot, goals: Array, num: int, threads: int = 0, delay: bool = False) -> None:
+    def __init__(
+        self, task: PointTask, robot: Robot, goals: Array, num_envs: int, threads: int = 0, delay: bool = False
+    ) -> None:
         self.robot, self.joints = robot, robot.joint_count  # has no say
-        self.num, self.horizon, self.tolerance = num, task.horizon, task.tolerance
+        self.num_envs, self.horizon, self.tolerance = num_envs, task.horizon, task.tolerance
         self.control_period = task.control_period
         self._nominal_limit = task.step_limit
-        self._step_limit: Array = np.full((num, 1), task.step_limit)
+        self._step_limit: Array = np.full((num_envs, 1), task.step_limit)
         self._bound = task.bound
         self._noise: Array | None = None  # sensor noise of a transfer domain, (N, 1) m
         self._chance = Chance(np.random.default_rng(0))
         self.goals = goals
-        self.desired_goal = np.zeros((num, 3))
-        self._position = np.zeros((num, 2))
-        self._elapsed = np.zeros(num, dtype=np.int64)
-        self.applied, self.unstable = np.zeros((num, 2)), np.zeros(num, dtype=bool)
+        self.desired_goal = np.zeros((num_envs, 3))
+        self._position = np.zeros((num_envs, 2))
+        self._elapsed = np.zeros(num_envs, dtype=np.int64)
+        self.applied, self.unstable = np.zeros((num_envs, 2)), np.zeros(num_envs, dtype=bool)
 
     @classmethod
     def observation_terms(cls, task: PointTask, joints: int) -> tuple[ObservationTerm, ...]:
@@ -55,9 +57,9 @@ class PointEnvironment:
         """See `Environment`."""
         self.reset_to_state(ids, np.zeros((len(ids), 2)), skill)
 
-    def reset_to_state(self, ids: Array, rows: Array, skill: Array) -> None:
+    def reset_to_state(self, ids: Array, sim_states: Array, skill: Array) -> None:
         """See `Environment`."""
-        self.restore(ids, rows)
+        self.restore(ids, sim_states)
         self._elapsed[ids] = 0
         self.desired_goal[ids] = self.goals[skill]
 
@@ -65,16 +67,18 @@ class PointEnvironment:
         """See `Environment`."""
         self._seen = self._position.astype(np.float32)
         if self._noise is not None:
-            self._seen += (self._noise * self._chance.normal("noise", (self.num, 2), np.arange(self.num))).astype(np.float32)
+            self._seen += (self._noise * self._chance.normal("noise", (self.num_envs, 2), np.arange(self.num_envs))).astype(
+                np.float32
+            )
         return self._seen
 
     def privileged(self) -> Array:
         """See `Environment`."""
-        return np.zeros((self.num, 0), dtype=np.float32)
+        return np.zeros((self.num_envs, 0), dtype=np.float32)
 
     def randomize(self, parameters: Mapping[str, Array], rng: Rng) -> None:
         """See `Environment`: the mean gain of the moves and the position noise; nothing else has a meaning here."""
-        gain = parameters.get("gain", np.ones((self.num, 1)))
+        gain = parameters.get("gain", np.ones((self.num_envs, 1)))
         self._step_limit = self._nominal_limit * gain.mean(axis=1, keepdims=True)
         noise = parameters.get("position_noise")
         self._noise, self._chance = None if noise is None else noise[:, None], Chance(rng)
@@ -85,24 +89,24 @@ class PointEnvironment:
         np.clip(self._position + self.applied, -self._bound, self._bound, out=self._position)
         self._elapsed += 1
         reward = -np.linalg.norm(self._position - self.desired_goal[:, :2], axis=1)
-        failed = np.zeros(self.num, dtype=bool)
+        failed = np.zeros(self.num_envs, dtype=bool)
         return Step(self.observe(), reward, failed, self._elapsed >= self.horizon, {"distance": reward.copy()})
 
     def estimate_state(self) -> StateEstimate:
         """See `Environment`."""
         seen = self._seen.astype(float)
-        return StateEstimate(seen, np.pad(seen, ((0, 0), (0, 1))), np.zeros((self.num, 2)))
+        return StateEstimate(seen, np.pad(seen, ((0, 0), (0, 1))), np.zeros((self.num_envs, 2)))
 
     def set_estimated_state(self, ids: Array, state: Array, sag: Array | None = None) -> None:
         """See `Environment`; a point goes where it is sent."""
         self.restore(ids, np.clip(state, -self._bound, self._bound))
 
-    def wake(self, ids: Array | None) -> None:
+    def set_active(self, ids: Array | None) -> None:
         """See `Environment`; points cost nothing."""
 
     def achieved_goal(self) -> Array:
         """See `Environment`."""
-        return np.concatenate([self._position, np.zeros((self.num, 1))], axis=1)
+        return np.concatenate([self._position, np.zeros((self.num_envs, 1))], axis=1)
 
     def keypoints(self) -> Array:
         """See `Environment`."""
@@ -110,17 +114,17 @@ class PointEnvironment:
 
     def save(self, ids: Array) -> Array:
         """See `Environment`."""
-        rows: Array = self._position[ids]
-        return rows
+        sim_states: Array = self._position[ids]
+        return sim_states
 
-    def restore(self, ids: Array, rows: Array) -> None:
+    def restore(self, ids: Array, sim_states: Array) -> None:
         """See `Environment`."""
-        self._position[ids] = rows
+        self._position[ids] = sim_states
 
     def violations(self) -> Array:
         """See `Environment`; a point has no limits."""
-        return np.zeros((self.num, 0), dtype=bool)
+        return np.zeros((self.num_envs, 0), dtype=bool)
 
-    def snapshot(self) -> dict[str, Array]:
+    def recorded_state(self) -> dict[str, Array]:
         """See `Environment`."""
         return {"position": self._position.copy()}

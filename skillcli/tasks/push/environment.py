@@ -58,9 +58,11 @@ class PushEnvironment(ArmEnvironment):
     failure_reward = LOST
     table_tolerance = SOFT_TABLE_TOLERANCE
 
-    def __init__(self, task: PushTask, robot: Robot, goals: Array, num: int, threads: int = 0, delay: bool = False) -> None:
+    def __init__(
+        self, task: PushTask, robot: Robot, goals: Array, num_envs: int, threads: int = 0, delay: bool = False
+    ) -> None:
         self._task = task
-        super().__init__(task, robot, goals, num, threads, delay)
+        super().__init__(task, robot, goals, num_envs, threads, delay)
         self._weight = task.box_mass * float(np.linalg.norm(self.arms.model.opt.gravity))
         if not np.allclose(self.arms.object_pose[0, :2], self._box_start):
             size, place = (", ".join(f"{x:g}" for x in numbers) for numbers in (task.box_size, task.box_start))
@@ -77,12 +79,12 @@ class PushEnvironment(ArmEnvironment):
 
     def set_up(self, task: ArmTask) -> None:
         """See `ArmEnvironment`."""
-        num = self.num
+        num_envs = self.num_envs
         self._box_start = np.array(self._task.box_start)
-        self._table_height, self._box_offset = np.zeros(num), np.zeros((num, 2))
+        self._table_height, self._box_offset = np.zeros(num_envs), np.zeros((num_envs, 2))
         self._tilt: Array | None = None  # (N, 2) rad, of the table
-        self._half_edges = np.tile(np.array(self._task.box_size) / 2, (num, 1))
-        self._robot = np.tile(np.array([1.0, 1.0, 1.0, 0.0]), (num, 1))
+        self._half_edges = np.tile(np.array(self._task.box_size) / 2, (num_envs, 1))
+        self._robot = np.tile(np.array([1.0, 1.0, 1.0, 0.0]), (num_envs, 1))
 
     @classmethod
     def shows(cls, task: ArmTask) -> tuple[ObservationTerm, ...]:
@@ -250,13 +252,13 @@ class PushEnvironment(ArmEnvironment):
     def randomize(self, parameters: Mapping[str, Array], rng: Rng) -> None:
         """See `Environment`."""
         super().randomize(parameters, rng)
-        one, zero = np.ones(self.num), np.zeros(self.num)
+        one, zero = np.ones(self.num_envs), np.zeros(self.num_envs)
         self._table_height = parameters.get("table_height", zero)
-        self._box_offset = parameters.get("object_offset", np.zeros((self.num, 2)))
+        self._box_offset = parameters.get("object_offset", np.zeros((self.num_envs, 2)))
         tilt, size = parameters.get("table_tilt"), parameters.get("object_size", one)
         self._tilt = tilt if tilt is not None and tilt.any() else None
         self._half_edges = size[:, None] * np.array(self._task.box_size) / 2
-        gain = parameters.get("gain", np.ones((self.num, 1))).mean(axis=1)
+        gain = parameters.get("gain", np.ones((self.num_envs, 1))).mean(axis=1)
         friction, mass = parameters.get("contact_friction", one), parameters.get("object_mass", one)
         self._robot = np.stack([friction, mass, gain, parameters.get("latency", zero) / self.control_period], axis=1)
 
@@ -289,7 +291,7 @@ class PushEnvironment(ArmEnvironment):
         assert object_pose is not None
         frames = _frames(object_pose[:, 3:])
         on_top = np.abs(frames[:, 2]).argmax(axis=1)
-        normal = frames[np.arange(self.num), :, on_top]
+        normal = frames[np.arange(self.num_envs), :, on_top]
         tilt: Array = normal[:, :2] * np.sign(normal[:, 2:])
         return tilt
 
@@ -316,9 +318,9 @@ class PushEnvironment(ArmEnvironment):
         lying[leans, -5] += (reach - self._half_edges[ids, 2])[leans]
         super().set_estimated_state(ids, lying, sag)
 
-    def snapshot(self) -> dict[str, Array]:
+    def recorded_state(self) -> dict[str, Array]:
         """See `Environment`."""
-        return {**super().snapshot(), "object_pose": self.arms.object_pose.copy()}
+        return {**super().recorded_state(), "object_pose": self.arms.object_pose.copy()}
 
 
 def _up(turned: Array) -> Array:

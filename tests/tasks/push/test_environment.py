@@ -31,7 +31,7 @@ BELOW = (-0.3131, -0.6236, 0.0646, 1.7316, -0.1169, 0.4665, 3.0523)  # 10 cm bel
 
 
 def everyone(env: PushEnvironment) -> Array:
-    return np.arange(env.num)
+    return np.arange(env.num_envs)
 
 
 def still(env: PushEnvironment, steps: int) -> Array:
@@ -43,7 +43,7 @@ def moved(env: PushEnvironment, actions: Array) -> Array:
     """Every arm does the same; poses of the boxes, (T, N, 7)."""
     poses = []
     for action in actions:
-        assert not env.step(np.tile(action, (env.num, 1))).terminated.any()
+        assert not env.step(np.tile(action, (env.num_envs, 1))).terminated.any()
         poses.append(env.arms.object_pose.copy())
     return np.stack(poses)
 
@@ -343,13 +343,13 @@ def test_the_box_is_judged_in_the_plane_and_seen_from_the_finger() -> None:
     gripper = env.arms.gripper_position[0].copy()
     np.testing.assert_allclose(env.observe()[0, 7:], gripper - [0.62, 0.05, 0.04], atol=1e-6)
     np.testing.assert_allclose(env.keypoints(), [[[0.62, 0.05, 0], gripper]])
-    assert env.snapshot()["object_pose"].tolist() == [[0.62, 0.05, 0.04, 1, 0, 0, 0]]
+    assert env.recorded_state()["object_pose"].tolist() == [[0.62, 0.05, 0.04, 1, 0, 0, 0]]
 
 
-def perturbed(num: int, **parameters: Any) -> PushEnvironment:
-    env = push_env(TASK, num, delay="latency" in parameters)
+def perturbed(num_envs: int, **parameters: Any) -> PushEnvironment:
+    env = push_env(TASK, num_envs, delay="latency" in parameters)
     env.randomize({name: np.array(values) for name, values in parameters.items()}, np.random.default_rng(0))
-    env.reset(everyone(env), np.zeros(num, dtype=np.int64))
+    env.reset(everyone(env), np.zeros(num_envs, dtype=np.int64))
     return env
 
 

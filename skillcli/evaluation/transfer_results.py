@@ -14,7 +14,7 @@ from skillcli.trajectories import Array, Trajectories
 WORST = 5  # episodes that are listed
 
 
-def source_report(reference: Trajectories) -> SourceResults:
+def summarize_source(reference: Trajectories) -> SourceResults:
     """The same in the simulation that was planned on."""
     return SourceResults(
         success_rate=float(reference.success.mean()),
@@ -25,7 +25,7 @@ def source_report(reference: Trajectories) -> SourceResults:
     )
 
 
-def domain_report(
+def summarize_domain(
     target: TargetRobots,
     recording: Trajectories,
     replay_error: Array,
