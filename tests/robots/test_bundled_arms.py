@@ -46,11 +46,11 @@ def robot(name: str) -> Robot:
     return load_robot(name)
 
 
-def make(robot: Robot, num: int) -> ReachEnvironment:
+def make_env(robot: Robot, num_envs: int) -> ReachEnvironment:
     """N simulations of reach at the start of the arm."""
-    env = World(ReachTask(), robot).make(num, 1)
+    env = World(ReachTask(), robot).make_env(num_envs, 1)
     assert isinstance(env, ReachEnvironment)
-    env.reset(np.arange(num), np.zeros(num, dtype=np.int64))
+    env.reset(np.arange(num_envs), np.zeros(num_envs, dtype=np.int64))
     return env
 
 
@@ -106,7 +106,7 @@ def test_links_that_follow_each_other_do_not_touch(robot: Robot) -> None:
 def driven(robot: Robot) -> tuple[Array, Array, Array]:
     """Each joint alone at full action, both ways, then at rest: angles, targets and speeds, (40, 2n, n)."""
     count = robot.joint_count
-    env = make(robot, 2 * count)
+    env = make_env(robot, 2 * count)
     action = np.zeros((2 * count, count))
     action[np.arange(2 * count), np.arange(2 * count) // 2] = np.tile([1.0, -1.0], count)
     angles, targets, speeds = [], [], []
@@ -135,7 +135,7 @@ def test_joints_keep_the_speed_of_the_data_sheet(robot: Robot, driven: tuple[Arr
 
 
 def test_the_arm_stays_whole_under_random_actions(robot: Robot) -> None:
-    env = make(robot, 4)
+    env = make_env(robot, 4)
     low, high = ranges(robot).T
     for action in np.random.default_rng(0).uniform(-1, 1, (20, 4, robot.joint_count)):
         step = env.step(action)
