@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
-# What may be broken, by column of `violations`; where there is no box, there are no columns about one.
+# What may be broken, by column of `violations` and `violated`; where there is no box, there are no columns about one.
 SAFETY_LIMITS = ("joint_range", "joint_speed", "table_clearance", "box_pressed", "box_tipped")
 
 
@@ -43,7 +43,8 @@ class Trajectories:
     judged_position: Array | None = None  # (E, T+1, 3) m, only where it is not the point that is said above
     unstable: Array | None = None  # (E,) bool: the simulation came apart, and the last state kept is the one before
     gave_up: Array | None = None  # (E,) bool: planned again until the time was over, and was not near as far as was seen
-    violations: Array | None = None  # (E, K) control steps that ended beyond each of the first K `SAFETY_LIMITS`
+    violations: Array | None = None  # (E, L) control steps that ended beyond each of the first L `SAFETY_LIMITS`
+    violated: Array | None = None  # (E, T, L) bool: which of them each control step ended beyond; None: none, or an older file
 
     @property
     def episodes(self) -> int:
@@ -83,6 +84,16 @@ class Trajectories:
         return dict(zip(SAFETY_LIMITS[: self.violations.shape[1]], self.violations.T, strict=True))
 
     @property
+    def first_violations(self) -> list[dict[str, int]]:
+        """The first control step of each episode that ended beyond a limit, from 0, by the limit's name."""
+        if self.violated is None:
+            return [{} for _ in range(self.episodes)]
+        first = np.where(self.violated.any(axis=1), self.violated.argmax(axis=1), -1)  # (E, L)
+        return [
+            {limit: step for limit, step in zip(SAFETY_LIMITS, steps, strict=False) if step >= 0} for steps in first.tolist()
+        ]
+
+    @property
     def within_limits(self) -> Array:
         """Which episodes break no safety limit, (E,) bool."""
         if self.violations is None:
@@ -108,14 +119,14 @@ class Trajectories:
         return Trajectories(time=longest.time, **joined)
 
     def padded(self, steps: int) -> Trajectories:
-        """The same episodes on a clock of this many control steps; all that is added repeats, actions and rewards are 0."""
+        """The same episodes on a clock of this many control steps; what is added repeats, and does nothing."""
         missing = steps - (len(self.time) - 1)
         if missing == 0:
             return self
         along_time = {name: value for name, value in self.arrays().items() if name in _PER_STEP}
         longer = {
             name: np.concatenate(
-                [value, np.repeat(0 * value[:, -1:] if name in ("action", "reward") else value[:, -1:], missing, axis=1)],
+                [value, np.repeat(value.dtype.type(0) * value[:, -1:] if name in _DONE else value[:, -1:], missing, axis=1)],
                 axis=1,
             )
             for name, value in along_time.items()
@@ -129,11 +140,11 @@ class Trajectories:
         return Trajectories(**chosen)
 
 
+_DONE = ("action", "reward", "violated")  # what a step does: nothing, once an episode is over
 _PER_STEP = (
+    *_DONE,
     "latent",
     "skill",
-    "action",
-    "reward",
     "joint_position",
     "gripper_position",
     "object_pose",
@@ -150,4 +161,13 @@ def _alike(parts: Sequence[Trajectories]) -> list[Trajectories]:
         parts = [replace(part, unstable=~part.stable) for part in parts]
     if any(part.gave_up is not None for part in parts):
         parts = [replace(part, gave_up=part.given_up) for part in parts]
+    if any(part.violated is not None for part in parts):
+        parts = [part if part.violated is not None else replace(part, violated=_none_violated(part)) for part in parts]
     return list(parts)
+
+
+def _none_violated(part: Trajectories) -> Array | None:
+    """That no control step ended beyond a limit, (E, T, L) bool; None where the task has none."""
+    if part.violations is None:
+        return None
+    return np.zeros((*part.skill.shape, part.violations.shape[1]), dtype=bool)

@@ -73,10 +73,9 @@ def rollout_closed_loop(env: RecordedEnvironment, act: Act, condition: Condition
         steps: at most.
     """
     num_envs = env.num_envs
-    moments, actions, rewards, fed = [_moment(env)], [], [], []
+    moments, actions, rewards, fed, violated = [_moment(env)], [], [], [], []
     observations = [env.observe()]
     length, failed, unstable = np.zeros(num_envs, dtype=int), np.zeros(num_envs, dtype=bool), np.zeros(num_envs, dtype=bool)
-    broken = np.zeros_like(env.violations(), dtype=np.int32)
     for t in range(steps):
         given = condition(t, failed)
         if given is None:
@@ -90,10 +89,11 @@ def rollout_closed_loop(env: RecordedEnvironment, act: Act, condition: Condition
         actions.append(np.where(running[:, None], env.applied, 0.0))
         failing = running & step.terminated
         length[running] = t + 1
-        broken += env.violations() & running[:, None]
+        violated.append(env.violations() & running[:, None])
         failed |= failing
         unstable |= failing & env.unstable
         moments.append(_frozen(_moment(env), moments[-1], ~running | failing))
+    broken = np.stack(violated, axis=1)  # (N, T, L)
     state = {name: np.stack([moment[name] for moment in moments], axis=1) for name in moments[0]}
     recording = Trajectories(
         time=np.arange(len(moments)) * env.control_period,
@@ -105,7 +105,8 @@ def rollout_closed_loop(env: RecordedEnvironment, act: Act, condition: Condition
         success=~failed,
         length=length,
         unstable=unstable if unstable.any() else None,
-        violations=broken if broken.shape[1] else None,
+        violations=broken.sum(axis=1, dtype=np.int32) if broken.shape[2] else None,
+        violated=broken if broken.any() else None,
         **{name: values.astype(np.float32) for name, values in state.items()},
     )
     if np.array_equal(recording.usual_achieved_goal, recording.achieved_goal):

@@ -22,6 +22,7 @@ TRAJECTORIES = {
     "trajectories/success": Field("episode", values=TRUTH),
     "trajectories/length": Field("episode", "step", values=Values("i", 1, of="trajectories: step")),
     "trajectories/violations": Field("episode,limit", "step", required=False, values=COUNT),
+    "trajectories/violated": Field("episode,step,limit", required=False, values=TRUTH),
     "trajectories/unstable": Field("episode", required=False, values=TRUTH),
     "trajectories/gave_up": Field("episode", required=False, values=TRUTH),
     "trajectories/judged_position": Field("episode,step+1,xyz", "m", required=False),

@@ -84,7 +84,7 @@ def compose(
         execute(library, route, waypoints, judge) for route, waypoints in zip(plan.routes, request.routes, strict=True)
     ]
     recording = Trajectories.join(recordings)
-    met, broken = recording.success, locate_violations(library, plan, recording, judge)
+    met, broken = recording.success, locate_violations(plan, recording)
     recording = recording.with_success(met & recording.within_limits)  # who plans may choose: a broken limit is no success
     tolerance = recipe.task.tolerance
     closest = [

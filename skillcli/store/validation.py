@@ -45,6 +45,7 @@ def _problems(artifact: Artifact, arrays: Mapping[str, Array], results: Mapping[
     if not found:  # what follows relies on that
         if KINDS[kind].holds("trajectories"):
             yield from _clock(arrays["trajectories/time"])
+            yield from _counted(arrays.get("trajectories/violated"), arrays.get("trajectories/violations"))
         if any(curve.size == 0 for path, curve in arrays.items() if path.startswith("curves/")):
             yield "a curve has no points"
         yield from KINDS[kind].check(arrays, results, sizes)
@@ -84,6 +85,11 @@ def _out_of_range(path: str, array: Array, values: Values, sizes: Mapping[str, i
     largest = sizes[values.of] - values.margin if values.of in sizes else values.high
     if low < values.low or high > largest:
         yield f"{path} reaches from {low:g} to {high:g}, allowed is {values.low:g} to {largest:g}"
+
+
+def _counted(violated: Array | None, violations: Array | None) -> Iterator[str]:
+    if violated is not None and (violations is None or (violated.sum(axis=1) != violations).any()):
+        yield "trajectories/violations does not count the control steps of trajectories/violated"
 
 
 def _clock(time: Array) -> Iterator[str]:

@@ -184,6 +184,8 @@ def _skill_legend(drawn: Figure, scene: Scene, skills: range | list[int]) -> Non
     if not scene.runs.held:
         handles += [mark("start", "o", "white"), mark("success", "o"), mark("failure", "X", "white")]
         handles += [mark("goal of a skill", "+", size=6)]
+        if any(scene.trajectories.first_violations):
+            handles.append(mark("first beyond a safety limit", panels_space.BREAKS, "white", size=5))
     if scene.runs is Runs.BETWEEN and scene.trajectories.episodes > len(scene.skills):
         handles.append(Line2D([], [], color=TARGET, ls=":", marker="D", ms=3.5, label="mean of two neighbours"))
         handles.append(mark("half-way between their goals", "x", size=5))

@@ -162,9 +162,12 @@ def coincident(spots: Array, within: float) -> list[list[int]]:
     return found
 
 
+BREAKS = "v"  # where an episode first goes beyond a safety limit
+
+
 def executed(axes: Axes, scene: Scene, plane: Plane, episodes: list[int]) -> None:
     """Executed paths, each piece in the look of the skill that was fed, whose goal is a cross; a single one bold."""
-    single = scene.runs is Runs.PLANNED
+    single, beyond = scene.runs is Runs.PLANNED, scene.trajectories.first_violations
     for skill in fed_skills(scene):
         if skill >= 0:
             axes.plot(*scene.goals[skill, list(plane)], color=look(skill).color, marker="+", ms=6, mew=1.2, zorder=2)
@@ -186,6 +189,8 @@ def executed(axes: Axes, scene: Scene, plane: Plane, episodes: list[int]) -> Non
         end, filling = ("o", "black") if success else ("X", "white")
         axes.plot(*moved[0], color="black", marker="o", mfc="white", ms=4, mew=0.8, zorder=5)
         axes.plot(*moved[-1], color="black", marker=end, mfc=filling, ms=4, mew=0.8, zorder=5)
+        for step in beyond[episode].values():
+            axes.plot(*moved[step + 1], color="black", marker=BREAKS, mfc="white", ms=5, mew=0.8, zorder=6)
     for line in axes.lines:
         line.set_in_layout(False)  # inside the axes anyway, and asking hundreds for their size takes seconds
     _frame(axes, scene, plane)

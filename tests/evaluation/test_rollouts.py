@@ -175,3 +175,18 @@ def test_steps_beyond_a_limit_are_counted_while_an_episode_runs() -> None:
     assert recording.violations is not None
     assert recording.violations.tolist() == [[3, 0], [2, 0], [0, 4]]
     assert recording.select([1]).violations.tolist() == [[2, 0]]  # type: ignore[union-attr]
+    assert recording.violated is not None
+    assert recording.violated[:, :, 0].tolist() == [[False, True, True, True], [False, True, True, False], [False] * 4]
+    assert recording.violated[:, :, 1].tolist() == [[False] * 4, [False] * 4, [True] * 4]
+    assert recording.first_violations == [{"joint_range": 1}, {"joint_range": 1}, {"joint_speed": 0}]
+
+
+def test_where_nothing_is_broken_only_the_counts_say_so() -> None:
+    kept, _ = rollout(Line([1.0]), act, *held(0.25))
+    assert kept.violations is not None and kept.violations.tolist() == [[0, 0]]
+    assert kept.violated is None and kept.first_violations == [{}]
+    broken, _ = rollout(Line([4.0]), act, *held(1, steps=2))
+    joined = Trajectories.join([kept, broken])
+    assert joined.violated is not None and joined.violated.shape == (2, 4, 2)
+    assert joined.first_violations == [{}, {"joint_range": 1}]
+    np.testing.assert_array_equal(joined.violated.sum(axis=1), joined.violations), "what is added breaks nothing"

@@ -147,11 +147,12 @@ def test_a_plan_that_breaks_a_limit_is_no_success_and_says_where(copy: Store, mo
     monkeypatch.setattr("skillcli.tasks.world.load_robot", lambda _: slow_arm(0.5 * speed.max()))
     broken = compose(copy, source.id, recipe, request, "sequence", "test")
     (found,) = broken.results["broken"]
-    path = broken.arrays["trajectories/violations"][0]
+    path, steps = broken.arrays["trajectories/violations"][0], broken.arrays["trajectories/violated"][0, :, 1]
     assert found["limit"] == "joint_speed" and found["route"] == 0 and 0 < found["control_steps"] <= 8
     assert broken.results["violations"] == {"joint_speed": found["control_steps"]} == {"joint_speed": path[1]}
     step = round(found["seconds"] / 0.05)
     assert found["segment"] == (step - 1) // 4 and step >= 1
+    assert steps.sum() == path[1] and steps.argmax() == step - 1 and "trajectories/violated" not in kept.arrays
     assert found["gripper_m"] == pytest.approx(broken.arrays["trajectories/gripper_position"][0, step], abs=1e-6)
     assert not broken.results["success"] and broken.results["success_rate"] == 0
     assert broken.results["waypoints_met"] == kept.results["waypoints_met"] == kept.results["success"]

@@ -112,6 +112,19 @@ def test_an_artifact_without_episodes_is_refused(store: Store, make: Make) -> No
     assert "it has no episode" in refused(store, forge(store, good, arrays=arrays, results=results))
 
 
+def test_counts_that_are_not_those_of_the_steps_are_refused(store: Store, make: Make) -> None:
+    good = store.write(make("compose"))
+    violated = np.zeros((2, 4, 3), dtype=bool)
+    violated[0, 2:, 1] = True
+    arrays = {**good.arrays, "trajectories/violated": violated}
+    counted = {**arrays, "trajectories/violations": violated.sum(axis=1, dtype=np.int32)}
+    assert store.verify(forge(store, good, arrays=counted)) == []
+    told = "trajectories/violations does not count the control steps of trajectories/violated"
+    assert told in refused(store, forge(store, good, arrays=arrays))
+    counted["trajectories/violations"] = counted["trajectories/violations"] + 1
+    assert told in refused(store, forge(store, good, arrays=counted))
+
+
 def put(path: str, value: Any) -> Callable[[dict[str, Any]], None]:
     def change(results: Any) -> None:
         *outer, last = (int(key) if key.isdigit() else key for key in path.split("."))

@@ -194,6 +194,14 @@ def make(kind: str, task: str, *, sampled: int = 2, model: Any = None, skills: t
     )
 
 
+def breaking(scene: Scene, step: int) -> Scene:
+    """The same, with the second limit broken from a control step of the first episode on."""
+    data = scene.trajectories
+    violated = np.zeros((*data.skill.shape, 3), dtype=bool)
+    violated[0, step:, 1] = True
+    return replace(scene, trajectories=replace(data, violated=violated, violations=violated.sum(axis=1, dtype=np.int32)))
+
+
 def _intervals(success: Array, labels: list[str]) -> dict[str, tuple[float, float, float]]:
     found = {}
     for name in DOMAINS:

@@ -68,6 +68,16 @@ def test_an_executed_path_has_the_colour_of_each_piece() -> None:
     assert [line.get_color() for line in drawn] == expected
 
 
+def test_a_mark_stands_where_a_limit_is_broken_first() -> None:
+    scene = scenes.make("compose", "reach")
+    drawn = draw(scenes.breaking(scene, 30))
+    (mark,) = [line for line in drawn.axes[0].lines if line.get_marker() == panels_space.BREAKS]
+    np.testing.assert_allclose(mark.get_xydata(), motion.path(scene, 0)[31:32, :2])
+    named = [text.get_text() for text in drawn.legends[0].get_texts()]
+    assert "first beyond a safety limit" in named
+    assert len(named) == 1 + len(draw(scene).legends[0].get_texts())
+
+
 def test_the_nearest_passes_of_all_routes_stand_side_by_side() -> None:
     scene = scenes.make("compose", "reach")
     two = replace(

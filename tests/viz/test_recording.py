@@ -58,6 +58,17 @@ def test_every_kind_is_recorded_with_what_its_views_show(kind: str, task: str, t
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_limits_that_are_broken_have_a_view_of_their_own(tmp_path: Path) -> None:
+    scene = scenes.make("compose", "reach")
+    assert "/series/violations" not in record(scene, tmp_path / "kept.rrd")
+    record(scenes.breaking(scene, 30), tmp_path / "broken.rrd")
+    (names,) = column(tmp_path / "broken.rrd", "/series/violations", "SeriesLines:names")
+    assert names == ["joint_range", "joint_speed", "table_clearance"]
+    steps = len(scene.trajectories.time) - 1
+    rows = column(tmp_path / "broken.rrd", "/series/violations", "Scalars:scalars")
+    assert rows == [[0.0, float(step >= 30), 0.0] for step in range(steps)]
+
+
 def test_the_file_passes_the_viewers_own_check(tmp_path: Path) -> None:
     record(scenes.make("compose", "push"), tmp_path / "scene.rrd")
     viewer = Path(sys.executable).parent / "rerun"

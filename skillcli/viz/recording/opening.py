@@ -13,7 +13,7 @@ from skillcli.viz import motion
 from skillcli.viz.recording.layout import curve_path, in_space, slug, spread
 from skillcli.viz.scene import Runs, Scene
 
-SERIES = ("distance", "latent", "reward", "success", "action_norm", "joint_speed")
+SERIES = ("distance", "latent", "reward", "success", "action_norm", "joint_speed", "violations")
 FIRST_CURVES = ("success", "final_distance", "return", "kl")
 LATENT_BACK = 1.5  # the latent view is wide and low: from further back all of it is in sight
 MAX_LEGEND = 4  # a longer legend hides the plot; names are still shown under the mouse
@@ -119,13 +119,15 @@ def _latent_view(scene: Scene) -> rrb.View:
 
 def _series(scene: Scene) -> list[rrb.View]:
     """One view per quantity that changes over control steps, in the order of `SERIES`."""
-    names = [name for name in SERIES if name != "joint_speed" or scene.trajectories.joint_position is not None]
+    data = scene.trajectories
+    absent = {"joint_speed": data.joint_position is None, "violations": data.violated is None}
+    names = [name for name in SERIES if not absent.get(name)]
     few = len(motion.played(scene)) <= MAX_LEGEND
     return [
         rrb.TimeSeriesView(
             origin=f"/series/{name}",
             name=_series_title(scene, name),
-            plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=few or name in ("latent", "joint_speed")),
+            plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=few or name in ("latent", "joint_speed", "violations")),
         )
         for name in names
     ]

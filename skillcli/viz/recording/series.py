@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 import rerun as rr
 
-from skillcli.trajectories import Array
+from skillcli.trajectories import SAFETY_LIMITS, Array
 from skillcli.viz import motion
 from skillcli.viz.palette import BETWEEN, look, rgba
 from skillcli.viz.recording.clock import Clock
 from skillcli.viz.recording.layout import curve_path, episode_color, key
 from skillcli.viz.recording.notes import label
 from skillcli.viz.scene import Runs, Scene
-
-SYMBOLS = {"latent": "z", "joint_speed": "j"}
 
 
 def log_series(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
@@ -25,9 +23,7 @@ def log_series(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
         stream.log(entity, rr.SeriesLines(colors=colors, names=names), static=True)
         stream.send_columns(entity, clock.columns(rows), rr.Scalars.columns(scalars=values))
     _log_source(stream, scene, clock)
-    for name, (rows, values) in _several(scene, clock.episode).items():
-        first = 1 if name == "latent" else 0  # the arm's joints are counted from 0, as in the model
-        names = [f"{SYMBOLS[name]}{i + first}" for i in range(values.shape[-1])]
+    for name, (rows, values, names) in _several(scene, clock.episode).items():
         colors = [rgba(look(i).color) for i in range(len(names))]
         stream.log(f"series/{name}", rr.SeriesLines(colors=colors, names=names), static=True)
         columns = rr.Scalars.columns(scalars=values)
@@ -59,13 +55,18 @@ def _single(scene: Scene, episode: int) -> dict[str, tuple[slice, Array]]:
     }
 
 
-def _several(scene: Scene, episode: int) -> dict[str, tuple[slice, Array]]:
-    """Several values per row: the rows of the clock, and the values, (rows, n)."""
+def _several(scene: Scene, episode: int) -> dict[str, tuple[slice, Array, list[str]]]:
+    """Several values per row: the rows of the clock, the values, (rows, n), and their names."""
     data, length = scene.trajectories, int(scene.trajectories.length[episode])
-    found = {"latent": (slice(0, length), data.latent[episode, :length])}
+    fed = data.latent[episode, :length]
+    found = {"latent": (slice(0, length), fed, [f"z{i + 1}" for i in range(fed.shape[1])])}
     if data.joint_position is not None and length:
         moved = np.diff(data.joint_position[episode, : length + 1], axis=0)
-        found["joint_speed"] = (slice(1, length + 1), moved / np.diff(data.time[: length + 1])[:, None])
+        speed = moved / np.diff(data.time[: length + 1])[:, None]
+        found["joint_speed"] = (slice(1, length + 1), speed, [f"j{i}" for i in range(speed.shape[1])])  # as in the model
+    if data.violated is not None:
+        beyond = data.violated[episode, :length]
+        found["violations"] = (slice(1, length + 1), beyond.astype(float), list(SAFETY_LIMITS[: beyond.shape[1]]))
     return found
 
 
