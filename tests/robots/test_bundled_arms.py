@@ -30,6 +30,7 @@ class Arm(NamedTuple):
 
 
 ARMS = {
+    "panda": Arm("flange", [87, 87, 87, 87, 12, 12, 12], 17.4519, (0.45, 0.0, 0.25)),
     "ur5e": Arm("flange", [150, 150, 150, 28, 28, 28], 20.9949, (0.45, 0.0, 0.25)),
 }
 
@@ -76,8 +77,8 @@ def test_the_tool_is_where_the_public_model_has_it(robot: Robot, name: str) -> N
 def test_efforts_and_masses_are_the_published_ones(robot: Robot, name: str) -> None:
     servos = [robot.model.actuator(servo).id for servo in robot.names.servos]
     assert robot.model.actuator_forcerange[servos, 1].tolist() == ARMS[name].force
-    ours = sum(float(robot.model.body(body).mass[0]) for body in ("table", "finger") if robot.model.body(body).id)
-    assert float(robot.model.body_mass.sum()) - ours == pytest.approx(ARMS[name].mass, abs=1e-4)
+    links = [body for body in range(robot.model.nbody) if robot.model.body(body).name.startswith(PREFIX)]
+    assert float(robot.model.body_mass[links].sum()) == pytest.approx(ARMS[name].mass, abs=1e-4)
 
 
 def test_the_arm_is_taken_without_a_remark(robot: Robot) -> None:
@@ -148,3 +149,12 @@ def test_only_primitives_stand_in_the_model(robot: Robot) -> None:
     kinds = {mujoco.mjtGeom(kind) for kind in robot.model.geom_type}
     shapes = mujoco.mjtGeom
     assert kinds <= {shapes.mjGEOM_CAPSULE, shapes.mjGEOM_CYLINDER, shapes.mjGEOM_BOX, shapes.mjGEOM_SPHERE}
+
+
+def test_the_fingers_of_the_panda_stay_closed() -> None:
+    robot = load_robot("panda")
+    env = make_env(robot, 4)
+    slides = [robot.model.joint(f"{PREFIX}finger_joint{which}").qposadr[0] for which in (1, 2)]
+    for action in np.random.default_rng(0).uniform(-1, 1, (40, 4, 7)):
+        env.step(action)
+        assert np.abs(env.arms.batch.bind("qpos")[:, slides]).max() < 1e-3
