@@ -31,7 +31,7 @@ class Trajectories:
     time: Array  # (T+1,) s
     latent: Array  # (E, T, d)
     skill: Array  # (E, T) index of the skill whose mean was fed, -1 for any other latent
-    action: Array  # (E, T, a) as commanded, clipped to the action limit, before leash and joint range: rad, m for the point
+    action: Array  # (E, T, a) how far each step moved the commanded targets, after all clipping: rad, m for the point
     reward: Array  # (E, T) the task's own reward
     target: Array  # (E, 3) m, where the judged point should end
     success: Array  # (E,) bool

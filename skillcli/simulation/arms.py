@@ -192,12 +192,14 @@ class ArmBatch:
             lateness: (N,) physics steps, of this control step, in which the targets before still hold.
 
         Returns:
-            (N, J) rad: the increments after clipping to the action limit.
+            (N, J) rad: how far the commanded targets moved, after clipping to the action limit, to what the arm may be led by,
+            and to the joint range. More than the action limit only where an arm that is pushed takes its target along.
         """
         increment = np.clip(increment, -self.action_limit, self.action_limit)
-        measured = self.joint_position
-        target = np.clip(self._ctrl + increment, measured - self.MAX_TRACKING_ERROR, measured + self.MAX_TRACKING_ERROR)
+        measured, wanted = self.joint_position, self._ctrl + increment
+        target = np.clip(wanted, measured - self.MAX_TRACKING_ERROR, measured + self.MAX_TRACKING_ERROR)
         target = np.clip(target, self._low, self._high)
+        moved: Array = np.where(target == wanted, increment, target - self._ctrl)
         done = 0
         for late in np.unique(lateness) if lateness is not None else (0,):
             if late > done:
@@ -207,7 +209,7 @@ class ArmBatch:
             self._ctrl[due] = target[due]
         if done < self.substeps:
             self.batch.step(self.active, nstep=int(self.substeps - done), stage=_NEW_STATE)
-        return increment
+        return moved
 
     def save(self, ids: Array) -> Array:
         """Whole simulator states, (n, S); valid for the same model and MuJoCo version only."""

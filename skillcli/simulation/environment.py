@@ -77,7 +77,7 @@ class Environment(Protocol):
     goals: Array  # (K, 3) m, the goal of each skill
     tolerance: float  # m
     desired_goal: Array  # (N, 3) m, the goal that the reward looks at
-    applied: Array  # (N, a) the last step's action as it was commanded, clipped to the action limit, rad or m
+    applied: Array  # (N, a) how far the last step moved the commanded targets, after all clipping, rad or m
     unstable: Array  # (N,) bool: whose last step ended in a state that is not finite or not of this world
 
     @property

@@ -162,6 +162,13 @@ def test_commands_sent_blindly_end_in_the_source_where_they_did_and_elsewhere_on
     assert (weak > 1e-3).any() and weak[8:] == pytest.approx(weak[:3], abs=1e-5), "skills in turn"
 
 
+def test_what_a_robot_was_sent_leads_it_the_same_way_again(library: Library) -> None:
+    weak = TargetRobots("weak", {"gain": np.full((8, 7), 0.1), "control_jitter": np.full(8, 0.02)}, episodes=8)
+    trial = TransferEvaluator(library, 0, library.world)
+    recorded = trial.run(EpisodeSchedule.of(library.source, library), weak)
+    assert trial.replay(recorded, weak, 8) == pytest.approx(np.zeros(8), abs=1e-5)
+
+
 # --- one parameter at a time ------------------------------------------------------------------------------------------
 
 

@@ -276,18 +276,27 @@ def test_chance_of_each_hangs_neither_on_how_many_there_are_nor_on_what_differs_
     assert (np.ptp(four - four[:, :1], axis=0).max(axis=1)[1:] > 1e-3).all(), "and it differs from one to the other"
 
 
-def test_actions_as_commanded_lead_the_same_way_again(task: Task) -> None:
-    """What is stored is what was commanded: sent again, leash and joint range cut it where they did the first time."""
+@pytest.mark.parametrize("gain", [1.0, 0.02])
+def test_actions_as_applied_lead_the_same_way_again(task: Task, gain: float) -> None:
+    """What is stored is how far the commanded target moved, whatever held it back: an arm that lags, or its joint range."""
     env, again = fresh(task, 2), fresh(task, 2)
-    limit = task.action_scale
+    for each in (env, again):
+        each.randomize({"gain": np.full((2, 7), gain)}, np.random.default_rng(0))
+        each.reset(np.arange(2), np.zeros(2, dtype=np.int64))
+    limit, arms = task.action_scale, getattr(env, "arms", None)
+    begun = None if arms is None else arms.commanded.copy()
     action = np.zeros((2, env.action_size))
     action[:, -1] = 50.0  # the last joint, or y, to its end
     path, applied = [], []
-    for _ in range(60):
+    for _ in range(8000 if arms is None else 130):
         path.append(env.step(action).observation)
         applied.append(env.applied)
-    assert np.ptp(np.stack(path)[-5:, :, 6 if env.action_size == 7 else 1]) < 1e-3, "it is at its end"
-    np.testing.assert_allclose(applied[-1][:, -1], limit, err_msg="before the end cuts it")
+    moves = np.stack(applied)[:, :, -1]
+    assert moves[0] == pytest.approx(limit) and moves.min() >= 0 and moves[-1] == pytest.approx(0, abs=1e-9), "it is at its end"
+    if arms is not None:
+        np.testing.assert_allclose(begun + np.sum(applied, axis=0), arms.commanded, atol=1e-9)
+        lagging = (moves > 1e-6) & (moves < 0.9 * limit)
+        assert lagging.sum() >= 10 if gain < 1 else lagging.sum() <= 2, "a weak servo holds its own target back"
     np.testing.assert_allclose([again.step(one / limit).observation for one in applied], path, atol=1e-6)
 
 

@@ -12,6 +12,8 @@ from skillcli.simulation.chance import Chance, Rng
 from skillcli.simulation.environment import Array, ObservationTerm, StateEstimate, Step
 from skillcli.tasks.point.settings import PointTask
 
+SMALLEST = 1e-12  # gain by which a move is divided: at none at all nothing moves, and nothing is held back
+
 
 class PointEnvironment:
     """N points that start at the origin.
@@ -33,8 +35,8 @@ class PointEnvironment:
         self.robot, self.joints = robot, robot.joint_count  # has no say
         self.num_envs, self.horizon, self.tolerance = num_envs, task.horizon, task.tolerance
         self.control_period = task.control_period
-        self._nominal_limit = task.step_limit
-        self._step_limit: Array = np.full((num_envs, 1), task.step_limit)
+        self._step_limit = task.step_limit
+        self._gain: Array = np.ones((num_envs, 1))
         self._bound = task.bound
         self._noise: Array | None = None  # sensor noise of a transfer domain, (N, 1) m
         self._chance = Chance(np.random.default_rng(0))
@@ -78,15 +80,17 @@ class PointEnvironment:
 
     def randomize(self, parameters: Mapping[str, Array], rng: Rng) -> None:
         """See `Environment`: the mean gain of the moves and the position noise; nothing else has a meaning here."""
-        gain = parameters.get("gain", np.ones((self.num_envs, 1)))
-        self._step_limit = self._nominal_limit * gain.mean(axis=1, keepdims=True)
+        self._gain = parameters.get("gain", np.ones((self.num_envs, 1))).mean(axis=1, keepdims=True)
         noise = parameters.get("position_noise")
         self._noise, self._chance = None if noise is None else noise[:, None], Chance(rng)
 
     def step(self, action: Array) -> Step:
         """See `Environment`."""
-        self.applied = self._step_limit * np.clip(action, -1.0, 1.0)
-        np.clip(self._position + self.applied, -self._bound, self._bound, out=self._position)
+        action = np.clip(action, -1.0, 1.0)
+        wanted = self._position + self._step_limit * self._gain * action
+        np.clip(wanted, -self._bound, self._bound, out=self._position)
+        held_back = (self._position - wanted) / np.maximum(self._gain, SMALLEST)
+        self.applied = self._step_limit * action + held_back
         self._elapsed += 1
         reward = -np.linalg.norm(self._position - self.desired_goal[:, :2], axis=1)
         failed = np.zeros(self.num_envs, dtype=bool)
