@@ -27,10 +27,12 @@ class Arm(NamedTuple):
     force: list[float]  # N·m, largest torque of each joint
     mass: float  # kg, without our finger
     start: tuple[float, float, float]  # m, of the gripper
+    sag: float = 0.0  # degrees, by which its weight pulls a joint away at the start
 
 
 ARMS = {
     "panda": Arm("flange", [87, 87, 87, 87, 12, 12, 12], 17.4519, (0.45, 0.0, 0.25)),
+    "so101": Arm("gripperframe", [2.94] * 5, 0.632006, (0.22, 0.0, 0.05), sag=0.9),
     "ur5e": Arm("flange", [150, 150, 150, 28, 28, 28], 20.9949, (0.45, 0.0, 0.25)),
 }
 
@@ -81,8 +83,11 @@ def test_efforts_and_masses_are_the_published_ones(robot: Robot, name: str) -> N
     assert float(robot.model.body_mass[links].sum()) == pytest.approx(ARMS[name].mass, abs=1e-4)
 
 
-def test_the_arm_is_taken_without_a_remark(robot: Robot) -> None:
-    assert robot.notes == (), "it holds itself at its start, to half a degree, and nothing had to be changed"
+def test_the_arm_is_taken_as_it_is_and_holds_itself(robot: Robot, name: str) -> None:
+    if ARMS[name].sag:
+        assert len(robot.notes) == 1 and "hangs 0.5 cm off where it is told to be, 'shoulder_lift' by 0.8°" in robot.notes[0]
+    else:
+        assert robot.notes == (), "half a degree at most, and nothing had to be changed"
     assert robot.model.opt.timestep == 0.005
 
 
@@ -112,22 +117,25 @@ def driven(robot: Robot) -> tuple[Array, Array, Array]:
     action[np.arange(2 * count), np.arange(2 * count) // 2] = np.tile([1.0, -1.0], count)
     angles, targets, speeds = [], [], []
     for t in range(40):
-        env.step(action * (t < 8))
+        env.step(action * (t < 5))
         angles.append(env.arms.joint_position)
         targets.append(env.arms.commanded.copy())
         speeds.append(env.arms.joint_velocity)
     return np.stack(angles), np.stack(targets), np.stack(speeds)
 
 
-def test_every_joint_follows_its_target_and_comes_to_rest_there(robot: Robot, driven: tuple[Array, Array, Array]) -> None:
+def test_every_joint_follows_its_target_and_comes_to_rest_there(
+    robot: Robot, name: str, driven: tuple[Array, Array, Array]
+) -> None:
     angles, targets, speeds = driven
     which = np.arange(2 * robot.joint_count)
     joint, way = which // 2, np.tile([1.0, -1.0], robot.joint_count)
-    told = targets[7, which, joint] - np.array(robot.home)[joint]
-    np.testing.assert_allclose(told, 8 * 0.04 * way, atol=1e-9)
+    told = targets[4, which, joint] - np.array(robot.home)[joint]
+    np.testing.assert_allclose(told, 5 * 0.04 * way, atol=1e-9)
     assert np.abs(targets - angles).max() < 0.1, "no joint lags by more, and none moves another"
-    assert (speeds[2:8, which, joint] * way > 0.2).all(), "it moves on steadily, it does not shake"
-    assert np.abs(speeds[-1]).max() < 0.01 and np.degrees(np.abs(targets[-1] - angles[-1])).max() < 0.5
+    assert (speeds[1:5, which, joint] * way > 0.2).all(), "it moves on steadily, it does not shake"
+    assert np.abs(speeds[-1]).max() < 0.01
+    assert np.degrees(np.abs(targets[-1] - angles[-1])).max() < 0.5 + ARMS[name].sag
 
 
 def test_joints_keep_the_speed_of_the_data_sheet(robot: Robot, driven: tuple[Array, Array, Array]) -> None:
