@@ -1,1 +1,1 @@
-"""Composing frozen skills in the latent space. Planners propose latents and are told outcomes; none sees the simulator."""
+"""Compose frozen skills in the latent space. A planner proposes latents and receives outcomes; it never sees the simulator."""

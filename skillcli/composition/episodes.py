@@ -1,8 +1,8 @@
-"""A composition as a decision problem for a composer that learns: episodes from the start, an action is a latent.
+"""Composition as a Markov decision process for a composer that learns: an action is a latent.
 
-What the composer sees: the observation of the robot, and the keypoints as seen from the next waypoint. What it gets
-after each segment: minus the metres that were left to go, on average over its control steps. An episode is over when the
-last waypoint is met or a simulation fails (termination), or when time is up (truncation).
+The composer observes the robot's observation and the keypoints relative to the next waypoint. Its reward after each
+segment is minus the mean remaining length, m, over the control steps of the segment. An episode terminates when the last
+waypoint is met or the simulation fails; it is truncated when time is up.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from skillcli.config.base import value
 from skillcli.errors import SkillError
 from skillcli.trajectories import Array
 
-FAILED = 5.0  # metres to go that a failure counts as
+FAILED = 5.0  # m, the remaining length that a failure counts as
 
 
 class EpisodeSettings(MethodSettings):
-    """The decision problem that a learned composer solves: from the start, a latent every segment."""
+    """Settings of the decision process: the composer chooses a new latent for every segment."""
 
     segment: float = value(0.25, "how long one latent is held", "s", gt=0, le=60)
     seconds: float = value(2.0, "length of an episode, for each waypoint of the route", "s", gt=0, le=600)
@@ -51,28 +51,31 @@ class EpisodeSettings(MethodSettings):
 
 
 class Composer(Protocol):
-    """Learns which latent to choose. Episode 0 of every round is to be played without exploration."""
+    """Learns which latent to choose. `Episodes` plays episode 0 of every round without exploration."""
 
     def act(self, features: Array) -> Array:
-        """Latents for features, (N, f) to (N, d)."""
+        """Choose latents (N, d) for features (N, f)."""
 
     def observe(self, reward: Array, features: Array, terminated: Array) -> None:
-        """What the latents led to: reward (N,), features (N, f), and whether the episode is over for good, (N,) bool."""
+        """Take what the latents led to: reward (N,), features (N, f), and which episodes terminated, (N,) bool."""
 
     def update(self, valid: Array) -> dict[str, float]:
-        """Between two rounds: learn from it; (T, N) tells which choices still counted. Returns what is worth logging.
+        """Learn from the last round and return the scalars to log.
+
+        Args:
+            valid: (T, N) bool, which choices were made before their episode was over.
 
         Raises:
-            SkillError: learning came apart.
+            SkillError: learning diverged.
         """
 
     def arrays(self) -> dict[str, Array]:
-        """Every weight by its name."""
+        """Return every weight by its name."""
 
 
 @dataclass(frozen=True)
 class Moment:
-    """How N episodes stand."""
+    """The state of N episodes."""
 
     sim_states: Array  # (N, S) states
     keypoints: Array  # (N, L, 3) m
@@ -80,7 +83,7 @@ class Moment:
 
     @staticmethod
     def start(world: LatentEnvironment, num_envs: int) -> Moment:
-        """N times the start of a world with one robot."""
+        """Repeat the start state of a world with one robot N times."""
         sim_state, keypoints = world.start()
         observation = world.observe(sim_state)
         return Moment(
@@ -88,7 +91,7 @@ class Moment:
         )
 
     def unless(self, over: Array, other: Moment) -> Moment:
-        """The same, with another moment for the episodes that are over, (N,) bool."""
+        """Keep this moment, but take `other` for the episodes that are over, (N,) bool."""
         return Moment(*(
             np.where(over.reshape(-1, *(1,) * (mine.ndim - 1)), theirs, mine)
             for mine, theirs in (
@@ -98,12 +101,12 @@ class Moment:
 
 
 class Round:
-    """N episodes from the start; what episode 0 does, which is played without exploration, is a plan.
+    """N episodes from the start. Episode 0 is played without exploration; its actions are a plan.
 
     Args:
-        start: of all episodes.
-        route: where to go.
-        settings: the recipe's.
+        start: state of all episodes at the start.
+        route: waypoints to pass.
+        settings: from the recipe.
         steps: control steps of a segment.
     """
 
@@ -113,31 +116,33 @@ class Round:
         self.now = start
         self.next_waypoint = np.zeros(num_envs, dtype=int)
         self.failed, self.arrived = np.zeros(num_envs, dtype=bool), np.zeros(num_envs, dtype=bool)
-        self.total: Array = np.zeros(num_envs)  # of the rewards
-        self.valid: list[Array] = []  # (N,) bool for each segment: which episodes were not over before it
+        self.total: Array = np.zeros(num_envs)  # sum of the rewards
+        self.valid: list[Array] = []  # (N,) bool for each segment: which episodes were still running before it
         self.plan: list[Segment] = []
         self.gap = np.inf  # m, from the end of the plan to the last waypoint
 
     @property
     def over(self) -> Array:
-        """Which episodes are over, (N,) bool."""
+        """Return which episodes are over, (N,) bool."""
         return self.failed | self.arrived
 
     @property
     def features(self) -> Array:
-        """What a composer sees: the observation, and the keypoints from the next waypoint, (N, o + 3 L)."""
+        """Return the composer's input: the observation, and the keypoints relative to the next waypoint, (N, o + 3 L)."""
         gap = self._route.gap(self.next_waypoint, self.now.keypoints)
         return np.concatenate([self.now.observation, gap.reshape(len(gap), -1)], axis=1)
 
     @property
     def merit(self) -> tuple[float, float, int]:
-        """How good the plan is, less is better: waypoints missed, m from the last one, control steps."""
+        """Return the cost of the plan, to be compared in order: waypoints missed, m from the last one, control steps."""
         missed = len(self._route.waypoints) - 1 - int(self.next_waypoint[0])
-        gap = max(self.gap, self._settings.goal_tolerance if self.arrived[0] else 0.0)  # who arrives first wins, not closest
+        gap = max(
+            self.gap, self._settings.goal_tolerance if self.arrived[0] else 0.0
+        )  # every plan that arrives has the same gap: the faster one wins
         return float(missed), gap, sum(segment.steps for segment in self.plan)
 
     def advance(self, latent: Array, outcome: Outcome) -> tuple[Array, Array]:
-        """Latents (N, d) were held; gives rewards (N,) and which episodes that ended for good, (N,) bool."""
+        """Record the outcome of held latents (N, d); return rewards (N,) and which episodes terminated now, (N,) bool."""
         valid = ~self.over
         progress = self._route.follow(self.next_waypoint[:, None], outcome.path, self._settings.goal_tolerance)
         broken, path = outcome.failed[:, 0], outcome.path[:, 0]  # a composer learns on one robot
@@ -147,10 +152,10 @@ class Round:
         self.failed |= failed
         self.arrived |= arrived
         if valid[0]:
-            steps = int(progress.arrived[0]) or self._steps  # the plan ends the moment it arrives
+            steps = int(progress.arrived[0]) or self._steps  # the plan ends at the step that arrives
             self.plan.append(Segment(latent[0].astype(float), -1, "latent", steps))
             self.gap = float(self._route.final_gap(path[0, steps]))
-        # where an episode is over, nothing is looked at or stepped again: the state may be broken
+        # an episode that is over keeps its last valid state: the simulator's may not be finite
         self.now = Moment(outcome.sim_states, path[:, -1], outcome.observation[:, 0]).unless(self.over, self._start)
         self.valid.append(valid)
         self.total += np.where(valid, reward, 0.0)
@@ -158,15 +163,15 @@ class Round:
 
 
 class Episodes:
-    """See `Planner`. Plays rounds of N episodes and keeps the best plan that a composer found without exploring.
+    """See `Planner`. Plays rounds of N episodes and keeps the best plan that the composer found without exploration.
 
     Args:
-        start: of all episodes.
-        route: where to go.
-        composer: learns.
+        start: state of all episodes at the start.
+        route: waypoints to pass.
+        composer: chooses the latents and learns.
         steps: control steps of a segment.
-        segments: T, in an episode at most.
-        settings: the recipe's.
+        segments: T, the most in an episode.
+        settings: from the recipe.
     """
 
     def __init__(
@@ -175,10 +180,10 @@ class Episodes:
         self._composer, self._settings, self._steps, self._segments = composer, settings, steps, segments
         self._begin: Callable[[], Round] = lambda: Round(start, route, settings, steps)
         self._round, self._rounds, self._control_steps = self._begin(), 0, 0
-        self._latent: Array = np.zeros(0)  # (N, d) under way
+        self._latent: Array = np.zeros(0)  # (N, d) proposed last
         self._plan: list[Segment] = []
-        self.merit: tuple[float, float, int] = (np.inf, np.inf, 0)  # of the plan, see `Round.merit`
-        self.weights: dict[str, Array] = {}  # of the composer that played it
+        self.merit: tuple[float, float, int] = (np.inf, np.inf, 0)  # cost of the plan, see `Round.merit`
+        self.weights: dict[str, Array] = {}  # weights of the composer that made the plan
         self.curves: dict[str, list[float]] = {}
 
     @property
@@ -211,7 +216,7 @@ class Episodes:
             self._round = self._begin()
 
     def _end(self, played: Round) -> None:
-        """Keep the plan of a round where it is the best so far, and let the composer learn."""
+        """Keep the plan of this round if it is the best so far, and let the composer learn."""
         if not played.failed[0] and played.merit < self.merit:
             self.merit, self.weights, self._plan = played.merit, self._composer.arrays(), played.plan
         valid = np.stack(played.valid)
@@ -230,7 +235,12 @@ class Episodes:
 
 
 def learn_to_plan(problem: PlanningProblem, make_composer: Callable[[int], Composer]) -> PlanResult:
-    """Let a composer learn on one route; it is made for so many features."""
+    """Train a composer on one route and return its best plan.
+
+    Args:
+        problem: the route and the frozen skills.
+        make_composer: makes a composer for a number of features.
+    """
     settings = problem.settings_as(EpisodeSettings)
     steps, world = problem.steps(settings.segment), problem.make_world(settings.simulations)
     start = Moment.start(world, settings.simulations)
@@ -239,6 +249,6 @@ def learn_to_plan(problem: PlanningProblem, make_composer: Callable[[int], Compo
     planner = Episodes(start, problem.route, make_composer(size), steps, segments, settings)
     problem.run(planner, world, "iterations")
     if not planner.plan():
-        raise SkillError("every episode failed that the composer played without exploring", "try another --seed")
+        raise SkillError("every episode that the composer played without exploration failed", "try another --seed")
     curves = {name: np.array(values) for name, values in planner.curves.items()}
     return PlanResult(planner.plan(), world.held, world.control_steps * problem.period, weights=planner.weights, curves=curves)

@@ -1,4 +1,4 @@
-"""Interpolation between skills: chains of holds and blends, and how faithful the way between two latents is."""
+"""Interpolate between skills: chains of holds and blends, and how the end of an episode depends on the share λ."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class InterpolateSettings(MethodSettings):
 
 
 def chain(skills: Sequence[int], names: Sequence[str], hold: float, blend: float) -> list[Entry]:
-    """Hold the first skill, blend into the next, hold that, and so on; durations in s."""
+    """Hold the first skill, blend into the next, hold it, and so on; durations in s."""
     entries: list[Entry] = []
     for before, skill in zip((None, *skills), skills, strict=False):
         if before is not None:
@@ -47,16 +47,16 @@ def chain(skills: Sequence[int], names: Sequence[str], hold: float, blend: float
 
 
 def all_pairs(skills: int) -> list[tuple[int, int]]:
-    """Every pair (a, b), a < b."""
+    """Return every pair (a, b), a < b."""
     return [(a, b) for a in range(skills) for b in range(a + 1, skills)]
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Where the motion ends for latents (1-λ) z_a + λ z_b, held from the start to the end of an episode.
+    """Where episodes end that hold the latent (1-λ) z_a + λ z_b from start to end.
 
-    Error of one latent: |f - λ|, with f the fraction of the way: the end, projected on the line from the goal of a
-    (f = 0) to that of b (f = 1). How far the end lies off that line, m, is reported beside it and is no part of the error.
+    The end is projected on the line from the goal of a (f = 0) to the goal of b (f = 1). The error of a latent is |f - λ|.
+    The distance of the end from that line, m, is reported beside it and is not part of the error.
     """
 
     pair: Array  # (P, 2) skills
@@ -65,11 +65,11 @@ class Calibration:
     goals: Array  # (K, 3) m
 
     def arrays(self) -> dict[str, Array]:
-        """As the store keeps it."""
+        """Return the arrays as the store keeps them."""
         return {"calibration/pair": self.pair, "calibration/share": self.share, "calibration/end": self.end}
 
     def summary(self, names: Sequence[str]) -> dict[str, Any]:
-        """Per pair and on the whole; the same again over neighbouring skills only, those with no other goal between."""
+        """Summarize errors per pair, over all pairs, and over neighbouring pairs: those with no other goal between."""
         near = set(metrics.neighbours(self.goals))
         pairs = []
         for (a, b), end in zip(self.pair.tolist(), self.end, strict=True):
@@ -97,7 +97,7 @@ def _summary(pairs: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def write(request: WrittenRequest) -> list[WrittenRoute]:
-    """Chains through skills, one route each; the goals of the skills are the waypoints."""
+    """Write chains through skills, one route each; the goals of the skills are the waypoints."""
     settings, task = request.settings, request.task
     assert isinstance(settings, InterpolateSettings)
     if request.goals:
@@ -114,7 +114,7 @@ def write(request: WrittenRequest) -> list[WrittenRoute]:
 def _pairs(task: str, places: Array) -> list[tuple[int, int]]:
     pairs = all_pairs(len(places)) if task == "pairs" else metrics.neighbours(places)
     if not pairs:
-        raise UsageError("there is nothing to interpolate between", "it takes two skills at least")
+        raise UsageError("no skills are given to interpolate between", "give at least two skills: --skills 3,4,8,7")
     return pairs
 
 
@@ -129,12 +129,12 @@ def _chain(request: WrittenRequest, task: str) -> list[int]:
         )
     skills = [skill_index(word, request.names) for word in text.replace(",", " ").split()]
     if len(skills) < 2:
-        raise UsageError(f"nothing to interpolate between in {text!r}", "it takes two skills at least, such as 3,4,8,7")
+        raise UsageError(f"{text!r} names fewer than two skills", "give at least two, such as 3,4,8,7")
     return skills
 
 
 def calibrate(problem: PlanningProblem) -> Finding:
-    """Hold the latents between every pair of skills from the start to the end of an episode, and see where it ends."""
+    """Hold the latents between every pair of skills for a whole episode and measure where it ends."""
     pair = np.array(all_pairs(len(problem.mean)), dtype=int).reshape(-1, 2)
     share = np.linspace(0, 1, problem.settings_as(InterpolateSettings).shares)
     a, b = (problem.mean[pair[:, side]][:, None] for side in (0, 1))  # (P, 1, d)

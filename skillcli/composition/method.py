@@ -1,4 +1,4 @@
-"""What a way to compose is: one `MethodSpec`, from what it takes on the command line to the plan that it makes."""
+"""`MethodSpec`: everything about one method of composition, from its command line options to its planner."""
 
 from __future__ import annotations
 
@@ -27,33 +27,33 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Option:
-    """An option of the command line that belongs to one method: it sets the recipe key of its name."""
+    """A command line option of one method. It sets the recipe key of the same name."""
 
     name: str
     help: str
     metavar: str
     type: type = str  # or int, or float
-    read: Callable[[Any], Any] = lambda given: given  # what the key is set to; raises UsageError
-    overrides: Callable[[Any], Sequence[str]] | None = None  # sets these KEY=VALUE instead; raises UsageError
+    read: Callable[[Any], Any] = lambda given: given  # converts to the value of the key; raises UsageError
+    overrides: Callable[[Any], Sequence[str]] | None = None  # returns KEY=VALUE settings to use instead; raises UsageError
 
 
 @dataclass(frozen=True)
 class WrittenRequest:
-    """What is asked of a method that writes its plans down instead of searching for them; K skills."""
+    """The request to a method that writes plans instead of searching for them; K skills."""
 
     settings: MethodSettings
-    task: str  # a named task, "" where there is none
-    goals: Sequence[Sequence[float]]  # as they are typed, none where none are given
-    names: tuple[str, ...]  # of the skills
-    places: Array  # (K, 3) m, where the skills lead
-    task_name: str  # of the task that the skills are for
-    chains: Mapping[str, str]  # named chains through its skills, such as "3,4,8,7"
-    routes: Callable[[], tuple[Array, ...]]  # waypoints (W, 3) m of each route of the task or goals; raises UsageError
+    task: str  # name of a composition, or ""
+    goals: Sequence[Sequence[float]]  # goals as typed; may be empty
+    names: tuple[str, ...]  # names of the skills
+    places: Array  # (K, 3) m, goals of the skills
+    task_name: str  # task of the skills
+    chains: Mapping[str, str]  # named chains of skills, such as "3,4,8,7"
+    routes: Callable[[], tuple[Array, ...]]  # returns waypoints (W, 3) m of each route; raises UsageError
 
 
 @dataclass(frozen=True)
 class WrittenRoute:
-    """A plan that is written down, and where it should lead."""
+    """A written plan and the waypoints that it should meet."""
 
     entries: tuple[Entry, ...]
     waypoints: Array  # (W, 3) m
@@ -61,7 +61,7 @@ class WrittenRoute:
 
 @dataclass(frozen=True)
 class Finding:
-    """What a method finds out about the skills beside its plans."""
+    """What a method measures about the skills, in addition to its plans."""
 
     arrays: dict[str, Array]  # as the store keeps them
     results: dict[str, Any]  # fields of `ComposeResults`
@@ -70,22 +70,22 @@ class Finding:
 
 @dataclass(frozen=True)
 class MethodSpec:
-    """One way to compose.
+    """One method of composition.
 
     Attributes:
-        name: on the command line, and of its section in a recipe.
-        settings: that section; its defaults are those of a recipe that does not mention it.
-        plan: plans one route. It imports what takes long, torch above all, only when it is called.
-        hint: what to try where a plan misses a waypoint.
-        options: of the command line that are its own.
-        draws: whether it draws at random, so that its plan depends on a seed.
+        name: of the method on the command line, and of its section in a recipe.
+        settings: type of that section; its defaults apply to a recipe without the section.
+        plan: plans one route. It imports slow packages such as torch only when called.
+        hint: what to try if a plan misses a waypoint.
+        options: command line options of this method alone.
+        draws: whether it is random, so that its plan depends on a seed.
         ensemble: whether it can try a latent on several robots at once.
         on_target: whether it can plan on one robot drawn from a target domain.
-        replans: whether its plan can be made again on the way.
-        learns: whether it trains a composer, whose weights and learning curves are kept.
-        write: writes plans down, of the goals of skills or of what is typed; None for a method that needs goals.
-        examine: what it finds out about the skills beside its plans, None for nothing.
-        overrides_on_target: KEY=VALUE that hold where it plans on a target, unless others are given.
+        replans: whether it can plan again during an episode.
+        learns: whether it trains a composer, whose weights and learning curves are stored.
+        write: writes plans from the goals of skills or from typed text; None for a method that needs goals.
+        examine: measures something about the skills in addition to the plans; None for nothing.
+        overrides_on_target: KEY=VALUE settings for planning on a target, unless the user gives others.
     """
 
     name: str
@@ -104,20 +104,20 @@ class MethodSpec:
 
     @property
     def shared_options(self) -> tuple[str, ...]:
-        """Names of the options that it shares with other methods; a seed draws robots too."""
+        """Names of the options shared with other methods; an ensemble needs a seed too."""
         takes = {"ensemble": self.ensemble, "on": self.on_target, "seed": self.draws or self.ensemble or self.on_target}
         return tuple(name for name, taken in takes.items() if taken)
 
     @property
     def option_names(self) -> tuple[str, ...]:
-        """Names of all options that it takes."""
+        """Names of all its options."""
         return (*(option.name for option in self.options), *self.shared_options)
 
     def overrides(self, given: Mapping[str, Any]) -> list[str]:
-        """Its own options as recipe settings, `ddpg.iterations=50` say; what is None was not given.
+        """Convert its own options to recipe settings such as `ddpg.iterations=50`; None means not given.
 
         Raises:
-            UsageError: an option has a value that cannot be meant.
+            UsageError: an option has an invalid value.
         """
         found: list[str] = []
         for option in self.options:

@@ -1,7 +1,8 @@
 """Model predictive control over latents by the cross-entropy method (Rubinstein 1999; receding horizon: Chua et al. 2018).
 
-Before every segment, sequences of latents are drawn around the best ones so far and tried in the simulator; the first
-latent of the best is taken, its outcome is known already, and planning goes on from there with the rest of the sequence.
+Before every segment, sequences of latents are drawn around the best ones so far and tried in the simulator. The first
+latent of the best sequence joins the plan; its outcome is already known. Planning continues from there with the rest of
+the sequence.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ from skillcli.config.base import value
 from skillcli.seeding import generator
 from skillcli.trajectories import Array
 
-MIN_SPREAD = 0.05  # of half the range of latents: the search never narrows to a point
-FAILED = 1e3  # m, cost of a simulation that failed
+MIN_SPREAD = 0.05  # of half the range of latents: keeps the search from collapsing to a point
+FAILED = 1e3  # m, cost of a failed simulation
 
 
 class MpcSettings(MethodSettings):
@@ -40,8 +41,8 @@ class MpcSettings(MethodSettings):
         return self
 
 
-class TransferEvaluator:
-    """Sequences of H latents under way, all from one state, segment by segment."""
+class Lookahead:
+    """Sequences of H latents that are being tried from one state, segment by segment."""
 
     def __init__(self, sequences: Array, sim_state: Array, next_waypoint: Array) -> None:
         count = len(sequences)
@@ -49,11 +50,11 @@ class TransferEvaluator:
         self.sim_states = np.tile(sim_state, (count, 1))
         self.next_waypoint = np.tile(next_waypoint, (count, 1))  # (n, M)
         self.cost, self.over = np.zeros(count), np.zeros(count, dtype=bool)
-        self.segment = 0  # how many were tried already
-        self.first: tuple[Array, Array, RouteProgress] | None = None  # what the first one led to: sim_states, keypoints
+        self.segment = 0  # segments tried so far
+        self.first: tuple[Array, Array, RouteProgress] | None = None  # after the first segment: states, keypoints
 
     def take(self, outcome: Outcome, route: Route, within: float) -> None:
-        """What the present segment led to; a sequence that arrived costs nothing more."""
+        """Take the outcome of the present segment; a sequence that arrived has no further cost."""
         progress = route.follow(self.next_waypoint, outcome.path, within)
         failed = outcome.failed.any(axis=1)
         self.cost += np.where(self.over, 0.0, progress.cost) + np.where(failed & ~self.over, FAILED, 0.0)
@@ -72,13 +73,13 @@ class ModelPredictiveControl:
 
     Args:
         sim_state: (S,) the start state.
-        keypoints: (M, L, 3) m, there, on M robots.
-        route: where to go.
-        means: (K, d) of the skills; holding each is among the first sequences tried before every segment.
+        keypoints: (M, L, 3) m in that state, on M robots.
+        route: waypoints to pass.
+        means: (K, d) of the skills; holding each mean is among the first sequences tried before every segment.
         bounds: (2, d) lowest and highest latent.
-        settings: the recipe's.
+        settings: from the recipe.
         steps: control steps of one segment.
-        longest: segments that a plan may have.
+        longest: most segments in a plan.
         rng: draws the sequences.
     """
 
@@ -101,7 +102,7 @@ class ModelPredictiveControl:
 
     @property
     def finished(self) -> bool:
-        """See `Planner`: at the last waypoint, or out of time."""
+        """See `Planner`: the last waypoint is met, or time is up."""
         return self._arrived or len(self._segments) >= self._longest
 
     @property
@@ -112,12 +113,12 @@ class ModelPredictiveControl:
 
     @property
     def remaining_length(self) -> float:
-        """What the segments so far leave of the way straight through all waypoints, m."""
+        """Length of the straight way through the remaining waypoints after the segments so far, m."""
         return float(risk_adjusted(self._route.remaining_length(self._next_waypoint, self._keypoints)))
 
     @property
     def next_place(self) -> Array:
-        """Where the judged point is behind the segments so far, (3,) m, in the mean over the robots."""
+        """Return the achieved goal after the segments so far, (3,) m, mean over the robots."""
         place: Array = self._keypoints[:, 0].mean(axis=0)
         return place
 
@@ -135,18 +136,18 @@ class ModelPredictiveControl:
         if self._trial.segment == self._settings.lookahead:
             self._judge()
 
-    def _draw(self, best: Array | None = None) -> TransferEvaluator:
-        """New sequences around the mean, from the present state; the first ones are not left to chance."""
+    def _draw(self, best: Array | None = None) -> Lookahead:
+        """Draw new sequences around the mean, from the present state; the first ones hold fixed latents."""
         settings = self._settings
         noise = self._rng.standard_normal((settings.samples, settings.lookahead, len(self._half)))
         drawn = np.clip(self._mean + self._spread * noise, *self._bounds)
         held = np.repeat(self._means[:, None], settings.lookahead, axis=1) if best is None else best[None]
         known = np.concatenate([self._mean[None], held])[: settings.samples]
         drawn[: len(known)] = known
-        return TransferEvaluator(drawn, self._sim_state, self._next_waypoint)
+        return Lookahead(drawn, self._sim_state, self._next_waypoint)
 
     def _judge(self) -> None:
-        """A round is over: narrow down around the elites, or take the first latent of the best sequence."""
+        """End a round: narrow the distribution around the elites, or add the first latent of the best sequence to the plan."""
         sequences = self._trial.sequences
         order = np.argsort(self._trial.cost, kind="stable")
         elites, best = sequences[order[: self._settings.elites]], int(order[0])
@@ -159,7 +160,7 @@ class ModelPredictiveControl:
         self._trial = self._draw()
 
     def _take(self, best: int) -> None:
-        """Go on from where the first latent of a sequence led; the rest of the sequence is what is drawn around next."""
+        """Move to the state after the first latent of this sequence; draw around the rest of it next."""
         assert self._trial.first is not None
         sim_states, path, progress = self._trial.first
         arrived = int(progress.arrived[best])
@@ -180,20 +181,20 @@ class ModelPredictiveControl:
 def mpc_from(
     problem: PlanningProblem, sim_state: Array, keypoints: Array, waypoints: Array, longest: int, rng: np.random.Generator
 ) -> ModelPredictiveControl:
-    """Model predictive control from a state (S,) with keypoints (M, L, 3) m to waypoints, for some segments at most."""
+    """Make a planner from a state (S,) with keypoints (M, L, 3) m to waypoints, for at most some segments."""
     settings = problem.settings_as(MpcSettings)
     route, steps = problem.towards(waypoints), problem.steps(settings.segment)
     return ModelPredictiveControl(sim_state, keypoints, route, problem.mean, problem.bounds, settings, steps, longest, rng)
 
 
 def plan(problem: PlanningProblem) -> PlanResult:
-    """Segment by segment, until the last waypoint is met or time is up."""
+    """Plan segment by segment until the last waypoint is met or time is up."""
     settings = problem.settings_as(MpcSettings)
     world, longest = problem.make_world(settings.samples), problem.segments(settings.seconds, problem.steps(settings.segment))
     planner = mpc_from(problem, *world.start(), problem.waypoints, longest, generator(problem.seed, "mpc"))
     problem.run(planner, world, "segments")
     segments = planner.plan() or [Segment(problem.mean[0], 0, problem.names[0], 1)]  # already there
-    # every sequence of a segment, in every round, begins where the plan stood then
+    # on a robot, every sequence of every round would begin with the plan so far
     before = np.cumsum([0, *(segment.steps for segment in segments[:-1])]).sum() * settings.samples * settings.rounds
     spent, replayed = world.control_steps * problem.period, float(before) * problem.robots * problem.period
     return PlanResult(segments, world.held, spent, replayed)

@@ -1,4 +1,4 @@
-"""A plan: latents, each held for a while; and the one form in which it is stored."""
+"""A plan: latents, each held for a while; and the form in which it is stored."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from skillcli.trajectories import Array
 
 @dataclass(frozen=True)
 class Choices:
-    """The latents a planner may choose from: the skills' means first, then combinations of them."""
+    """The latents that a planner may choose from: the means of the skills first, then combinations."""
 
     latent: Array  # (C, d)
     skill: Array  # (C,) index of the skill whose mean it is, -1 for a combination
@@ -21,7 +21,7 @@ class Choices:
 
     @staticmethod
     def of(means: Array, names: Sequence[str], interpolated: bool, grid: Array | None = None) -> Choices:
-        """The means (K, d) of K named skills, the half-way latents of all pairs where asked, and a grid (G, d)."""
+        """List the means (K, d) of K named skills, half-way latents of all pairs if asked, and a grid (G, d)."""
         skills = len(means)
         pairs = [(a, b) for a in range(skills) for b in range(a + 1, skills)] if interpolated else []
         further = [] if grid is None else list(grid)
@@ -33,7 +33,7 @@ class Choices:
 
 
 def latent_grid(low: Array, high: Array, count: int) -> Array:
-    """A regular grid of `count` latents per dimension between two corners (d,), (count**d, d)."""
+    """Return a regular grid with `count` latents per dimension between two corners (d,), (count**d, d)."""
     axes = [np.linspace(a, b, count) for a, b in zip(low, high, strict=True)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(low))
 
@@ -44,29 +44,29 @@ def _coordinates(latent: Array) -> str:
 
 @dataclass(frozen=True)
 class Segment:
-    """One latent, held for some control steps; or a blend from it to another one."""
+    """One latent held for some control steps, or a blend from it to another."""
 
     latent: Array  # (d,)
     skill: int  # index, -1 for a combination
     label: str
     steps: int
-    until: Array | None = None  # (d,) where a blend leads, None where the latent is held
+    until: Array | None = None  # (d,) end of a blend, None if the latent is held
 
     @property
     def latents(self) -> Array:
-        """What is fed at each control step, (steps, d); a blend lies strictly between its ends, evenly spaced."""
+        """Return the latent of each control step, (steps, d); a blend is evenly spaced and excludes both ends."""
         share = np.arange(1, self.steps + 1)[:, None] / (self.steps + 1)
         latents: Array = self.latent + share * (self.end - self.latent)
         return latents
 
     @property
     def end(self) -> Array:
-        """Where it leads in the latent space, (d,): the latent itself where that is held."""
+        """Return the last point in the latent space, (d,): the latent itself if it is held."""
         return self.latent if self.until is None else self.until
 
 
 def schedule(plan: Sequence[Segment]) -> tuple[Array, Array]:
-    """What a plan feeds at each control step: latents (T, d) and skills (T,)."""
+    """Return the latents (T, d) and skills (T,) of each control step of a plan."""
     latent = np.concatenate([segment.latents for segment in plan])
     skill = np.concatenate([np.full(segment.steps, segment.skill) for segment in plan])
     return latent, skill
@@ -74,34 +74,34 @@ def schedule(plan: Sequence[Segment]) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Plan:
-    """Segments of one or several routes, each of which is played from the start.
+    """Segments of one or several routes, each played from the start.
 
-    The store keeps it as `plan/latent`, `plan/seconds`, `plan/skill` and `plan/route`, a row for each segment, and
-    `plan/latent_end` where there are blends. `records` say the same for people, with the labels; `trajectories/latent` is what
-    `schedules` gives.
+    The store keeps a plan as `plan/latent`, `plan/seconds`, `plan/skill` and `plan/route`, one row per segment, and
+    `plan/latent_end` if there are blends. `records` gives the same for people, with labels. `schedules` gives
+    `trajectories/latent`.
     """
 
     routes: tuple[tuple[Segment, ...], ...]
 
     @property
     def segments(self) -> list[Segment]:
-        """Those of all routes, one behind the other."""
+        """Return the segments of all routes in order."""
         return [segment for route in self.routes for segment in route]
 
     @property
     def route(self) -> Array:
-        """The route that each of them belongs to, (S,)."""
+        """Return the route of each segment, (S,)."""
         return np.repeat(np.arange(len(self.routes)), [len(route) for route in self.routes])
 
     @property
     def steps(self) -> int:
-        """Control steps of all routes together."""
+        """Return the control steps of all routes together."""
         return sum(segment.steps for segment in self.segments)
 
     def schedules(self) -> tuple[Array, Array, Array]:
-        """What is fed in each of R routes: latents (R, T, d), skills (R, T), and control steps (R,) of each.
+        """Return latents (R, T, d), skills (R, T) and control steps (R,) of R routes.
 
-        Shorter routes rest at their last latent.
+        Shorter routes repeat their last latent.
         """
         fed = [schedule(route) for route in self.routes]
         steps = np.array([len(skill) for _, skill in fed])
@@ -110,7 +110,7 @@ class Plan:
         return latent, np.stack([skill[row] for (_, skill), row in zip(fed, rows, strict=True)]), steps
 
     def arrays(self, period: float) -> dict[str, Array]:
-        """As the store keeps it, with control steps of `period` s."""
+        """Return the arrays as the store keeps them, with control steps of `period` s."""
         segments = self.segments
         arrays = {
             "plan/latent": np.array([segment.latent for segment in segments]),
@@ -123,7 +123,7 @@ class Plan:
         return arrays
 
     def records(self, period: float) -> tuple[PlannedSegment, ...]:
-        """As a report says it, one for each segment."""
+        """Describe each segment for the results."""
         return tuple(
             PlannedSegment(
                 skill=segment.label,
@@ -137,7 +137,7 @@ class Plan:
 
     @staticmethod
     def read(arrays: Mapping[str, Array], period: float, labels: Sequence[str] = ()) -> Plan:
-        """What `arrays` gave; labels stand in `records` only."""
+        """Read the plan that `arrays` wrote; only `records` uses the labels."""
         end = arrays.get("plan/latent_end", arrays["plan/latent"])
         steps = np.round(arrays["plan/seconds"] / period).astype(int)
         routes: list[list[Segment]] = [[] for _ in range(int(arrays["plan/route"].max()) + 1)]
@@ -149,6 +149,6 @@ class Plan:
 
 
 def stored_steps(arrays: Mapping[str, Array], period: float) -> Array:
-    """Control steps of each route of a stored plan, (R,), whatever else it holds."""
+    """Read the control steps of each route of a stored plan, (R,), and nothing else of it."""
     steps: Array = np.round(np.bincount(arrays["plan/route"], weights=arrays["plan/seconds"]) / period)
     return steps

@@ -1,4 +1,4 @@
-"""The one interface of everything that composes: it proposes latents to hold, and is told what they led to."""
+"""The interface of every planner: it proposes latents to hold, and receives their outcomes."""
 
 from __future__ import annotations
 
@@ -13,36 +13,36 @@ from skillcli.trajectories import Array
 
 @dataclass(frozen=True)
 class Proposal:
-    """Latents to hold, each from a state of its own."""
+    """Latents to hold, each from its own state."""
 
-    sim_states: Array  # (n, S) whole states, opaque, as the world gave them
+    sim_states: Array  # (n, S) whole states, opaque to the planner
     latent: Array  # (n, d)
     steps: int  # control steps, the same for all
 
 
 class Planner(Protocol):
-    """Proposes and is told, in turn, until it is finished. It never sees the simulator."""
+    """Proposes and receives outcomes in turn until it is finished. It never sees the simulator."""
 
     @property
     def finished(self) -> bool:
-        """Whether nothing more is to be tried."""
+        """Whether the planner has nothing more to try."""
 
     @property
     def done(self) -> tuple[int, int, str]:
-        """How far it is: units done, of how many at most, and a word on how it goes."""
+        """Units of work done, how many at most, and a note on the progress."""
 
     def ask(self) -> Proposal:
-        """What to try next; only while not finished."""
+        """Propose what to try next; only while not finished."""
 
     def tell(self, outcome: Outcome) -> None:
-        """What the last proposal led to."""
+        """Take the outcome of the last proposal."""
 
     def plan(self) -> list[Segment]:
-        """The best plan known so far; empty where nothing has to be done."""
+        """Return the best plan so far; empty if nothing has to be done."""
 
 
 def run(planner: Planner, world: LatentEnvironment, on_progress: Callable[[int, int, str], None]) -> None:
-    """Let a planner try latents in a world until it is finished, and tell after each try how far it is."""
+    """Let a planner try latents in a world until it is finished; call `on_progress` after each try."""
     while not planner.finished:
         proposal = planner.ask()
         planner.tell(world.hold(proposal.sim_states, proposal.latent, proposal.steps))

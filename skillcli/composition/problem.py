@@ -1,4 +1,4 @@
-"""What a method is given, a `PlanningProblem`, and what it gives back, a `PlanResult`."""
+"""`PlanningProblem`, the input of a method, and `PlanResult`, its output."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 
 class MethodSettings(Section):
-    """What a recipe may say about a method, in the section of its name."""
+    """Settings of one method: the recipe section of its name."""
 
     def check_latents(self, size: int) -> None:
-        """Refuse settings that cannot go with latents of this size.
+        """Refuse settings that do not fit latents of this size.
 
         Raises:
-            ValueError: they cannot.
+            ValueError: they do not fit.
         """
 
 
@@ -37,54 +37,56 @@ Settings = TypeVar("Settings", bound=MethodSettings)
 
 @dataclass(frozen=True)
 class PlanningProblem:
-    """One route, and the frozen skills that shall go it; K skills with latents of size d."""
+    """One route, and the frozen skills to follow it with; K skills with latents of size d."""
 
-    settings: MethodSettings  # of the method
-    names: tuple[str, ...]  # of the skills
+    settings: MethodSettings  # settings of the method
+    names: tuple[str, ...]  # names of the skills
     mean: Array  # (K, d) latents of the skills
     std: Array  # (K, d)
-    goals: Array  # (K, 3) m, where the skills lead
-    waypoints: Array  # (W, 3) m, to be met in order
-    tolerance: float  # m, within which the task counts a waypoint as met
-    period: float  # s, of one control step
+    goals: Array  # (K, 3) m, goals of the skills
+    waypoints: Array  # (W, 3) m, to meet in order
+    tolerance: float  # m, the task counts a waypoint as met within this
+    period: float  # s, one control step
     horizon: int  # control steps of an episode
-    make_world: Callable[[int], LatentEnvironment]  # room for that many latents to be held at once, at the start
-    hold_to_end: Callable[[Array, Array], Array]  # latents (n, d) and targets (n, 3) m to where held latents end, (n, 3) m
+    make_world: Callable[[int], LatentEnvironment]  # room to hold that many latents at once, at the start
+    hold_to_end: Callable[
+        [Array, Array], Array
+    ]  # latents (n, d) held for an episode and targets (n, 3) m, to its ends (n, 3) m
     cost_to_go: CostToGo = STRAIGHT
-    entries: tuple[Entry, ...] = ()  # of a plan that is written by hand
-    robots: int = 1  # that every latent is tried on
+    entries: tuple[Entry, ...] = ()  # entries of a written plan
+    robots: int = 1  # M, robots that try every latent
     seed: int = 0
     on_progress: OnProgress = silent
 
     @property
     def bounds(self) -> Array:
-        """Lowest and highest latent, (2, d): the means and two standard deviations around them."""
+        """Return lowest and highest latent, (2, d): two standard deviations around all means."""
         return np.stack([(self.mean - 2 * self.std).min(axis=0), (self.mean + 2 * self.std).max(axis=0)])
 
     @property
     def route(self) -> Route:
-        """Where to go."""
+        """Return the route through all waypoints."""
         return self.towards(self.waypoints)
 
     def towards(self, waypoints: Array) -> Route:
-        """The way through these waypoints (W, 3) m."""
+        """Return the route through these waypoints (W, 3) m."""
         return Route(waypoints, self.tolerance, self.cost_to_go)
 
     def settings_as(self, kind: type[Settings]) -> Settings:
-        """The settings, which are of this kind."""
+        """Return the settings, which must be of this type."""
         assert isinstance(self.settings, kind)
         return self.settings
 
     def steps(self, seconds: float) -> int:
-        """A duration in control steps, at least one."""
+        """Convert a duration to control steps, at least one."""
         return max(1, round(seconds / self.period))
 
     def segments(self, seconds: float, steps: int) -> int:
-        """How many segments of some control steps fit into so many seconds for each waypoint, at least one."""
+        """Count the segments of some control steps that fit into so many seconds per waypoint, at least one."""
         return max(1, round(seconds * len(self.waypoints) / (steps * self.period)))
 
     def run(self, planner: Planner, world: LatentEnvironment, unit: str) -> None:
-        """Let a planner try latents until it is finished, and report how many units of its work are done."""
+        """Let a planner try latents until it is finished, and report its progress."""
         run_planner(
             planner, world, lambda done, total, note: self.on_progress(Progress("compose", done, total, unit, note=note))
         )
@@ -92,16 +94,16 @@ class PlanningProblem:
 
 @dataclass(frozen=True)
 class PlanResult:
-    """The plan of one route, and what planning it took."""
+    """The plan of one route, and the cost of planning it."""
 
     segments: list[Segment]
-    expanded_nodes: int = 0  # states whose continuations were tried; for methods that draw latents, latents tried
+    expanded_nodes: int = 0  # states expanded; for methods that draw latents, latents tried
     simulated_robot_seconds: float = 0.0
-    replayed_seconds: float = 0.0  # that a robot would spend on top, to get back to the states that latents were tried from
-    weights: dict[str, Array] = field(default_factory=dict)  # of a learned composer
+    replayed_seconds: float = 0.0  # robot time to return to the states that latents were tried from
+    weights: dict[str, Array] = field(default_factory=dict)  # weights of a learned composer
     curves: dict[str, Array] = field(default_factory=dict)
 
     @property
     def with_returns(self) -> float:
-        """Robot time where states cannot be restored, s: every try begins at the start. The way there is not counted."""
+        """Robot time if states cannot be restored, s: every try starts from the beginning. Moving back there is not counted."""
         return self.simulated_robot_seconds + self.replayed_seconds

@@ -1,7 +1,7 @@
-"""Which ways to compose there are, one line each: what it is, and the module whose `METHOD` says everything else.
+"""The methods of composition, one line each: a description, and the module whose `METHOD` says everything else.
 
-Modules are named and imported only when they are needed: a list of the methods takes no time, and what learns may lie above
-this package, with what it learns with.
+A module is imported only when its method is needed. So listing the methods is fast, and a method that learns may live in a
+higher package.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Method:
-    """A line of the table."""
+    """One line of the table."""
 
-    about: str  # what it is, in one line
+    about: str  # one-line description
     module: str
 
     @property
     def spec(self) -> MethodSpec:
-        """Everything else about it."""
+        """Import the method's module and return its spec."""
         spec: MethodSpec = import_module(self.module).METHOD
         return spec
 
@@ -53,7 +53,7 @@ DEFAULT = "search"
 
 
 def method_spec(name: str) -> MethodSpec:
-    """The method of this name.
+    """Return the method of this name.
 
     Raises:
         UsageError: there is none.
@@ -64,5 +64,5 @@ def method_spec(name: str) -> MethodSpec:
 
 
 def all_specs() -> dict[str, MethodSpec]:
-    """Every method by its name."""
+    """Return the spec of every method by name."""
     return {name: method.spec for name, method in METHODS.items()}

@@ -1,4 +1,4 @@
-"""Search: goals in order, over a set of latents, by uniform cost and its informed relatives (see `uniform_cost`)."""
+"""Search over a set of latents: uniform cost, A* or greedy (see `uniform_cost`)."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from skillcli.config.base import value
 from skillcli.errors import UsageError
 from skillcli.trajectories import Array
 
-MAX_GRID = 1024  # latents on the grid of a search
+MAX_GRID = 1024  # most latents on the grid of a search
 
 
 class SearchSettings(MethodSettings):
-    """Uniform cost search over latents."""
+    """Settings of the uniform cost search over latents."""
 
     segments: tuple[float, ...] = value((0.25,), "how long one latent may be held", "s", min_length=1)
     interpolated: bool = value(False, "offer the half-way latents of all pairs of skills beside the means")
@@ -53,7 +53,7 @@ class SearchSettings(MethodSettings):
         return self
 
     def check_latents(self, size: int) -> None:
-        """Refuse a grid of too many latents."""
+        """Refuse a grid with too many latents."""
         if self.grid**size > MAX_GRID:
             raise ValueError(
                 f"search.grid of {self.grid} gives {self.grid**size} latents in {size} dimensions,"
@@ -62,17 +62,17 @@ class SearchSettings(MethodSettings):
 
 
 class Expansions:
-    """A search as a `Planner`: several nodes at once, every choice from each, held for every duration.
+    """A search as a `Planner`: it expands several nodes at once, with every choice and every duration.
 
-    A longer segment goes on where a shorter one ended: every control step is spent once.
+    A longer segment continues where a shorter one ended: every control step is simulated once.
     """
 
     def __init__(self, search: UniformCostSearch, batch: int) -> None:
         self.search, self._batch = search, batch
         self._durations = sorted(search.settings.durations)
-        self._left: list[int] = []  # durations that the nodes under way still have before them
+        self._left: list[int] = []  # durations that the nodes in work still have to try
         self._held = 0
-        self.replayed = 0.0  # control steps that lead to the nodes tried, once for each try: nothing is restored on a robot
+        self.replayed = 0.0  # control steps to return to the nodes tried, once per try: a robot cannot restore a state
 
     def _begin(self, nodes: list[Node]) -> None:
         count = len(self.search.choices.latent)
@@ -96,17 +96,17 @@ class Expansions:
         return self.search.expanded, self.search.settings.budget, self.search.standing
 
     def plan(self) -> list[Segment]:
-        """See `Planner`: to the goal node, or to the nearest one when the budget is spent."""
+        """See `Planner`: the way to the goal node, or to the nearest node when the budget is spent."""
         return self.search.plan(self.search.best)
 
     @property
     def remaining_length(self) -> float:
-        """What the best plan leaves of the way straight through all waypoints, m; of the last one's tolerance too."""
+        """Length of the straight way through the waypoints that the best plan leaves, with the last one's tolerance, m."""
         return self.search.remaining_length(self.search.best)
 
     @property
     def next_place(self) -> Array:
-        """Where the judged point is behind the first segment of the best plan, (3,) m, in the mean over the robots."""
+        """Return the achieved goal after the first segment of the best plan, (3,) m, mean over the robots."""
         node = self.search.best
         while node.parent is not None and node.parent.parent is not None:
             node = node.parent
@@ -129,7 +129,7 @@ class Expansions:
 
 
 def choices_of(problem: PlanningProblem) -> Choices:
-    """The latents that a search tries."""
+    """Return the latents that a search tries."""
     settings = problem.settings_as(SearchSettings)
     grid = latent_grid(problem.bounds[0], problem.bounds[1], settings.grid) if settings.grid else None
     return Choices.of(problem.mean, problem.names, settings.interpolated, grid)
@@ -139,7 +139,7 @@ def search_from(
     problem: PlanningProblem, sim_state: Array, keypoints: Array, waypoints: Array, choices: Choices, budget: int,
     barred: Collection[int] = (),
 ) -> UniformCostSearch:  # fmt: skip
-    """A search from a state (S,) with keypoints (M, L, 3) m to waypoints (W, 3) m."""
+    """Make a search from a state (S,) with keypoints (M, L, 3) m to waypoints (W, 3) m."""
     settings = problem.settings_as(SearchSettings)
     return UniformCostSearch(
         sim_state,
@@ -163,14 +163,14 @@ def search_from(
 
 
 def plan(problem: PlanningProblem) -> PlanResult:
-    """The cheapest plan that the budget allows to find."""
+    """Find the cheapest plan within the budget."""
     settings, choices = problem.settings_as(SearchSettings), choices_of(problem)
     world = problem.make_world(settings.batch * len(choices.latent))
     search = search_from(problem, *world.start(), problem.waypoints, choices, settings.budget)
     planner = Expansions(search, settings.batch)
     problem.run(planner, world, "nodes")
     segments = planner.plan()
-    if not segments:  # already there, or nowhere to go: hold the first skill for the shortest time
+    if not segments:  # already there, or no waypoint: hold the first skill for the shortest time
         segments = [Segment(choices.latent[0], 0, choices.label[0], search.settings.durations[0])]
     spent, replayed = world.control_steps * problem.period, planner.replayed * problem.robots * problem.period
     return PlanResult(segments, search.expanded, spent, replayed)
@@ -184,10 +184,10 @@ HEURISTICS = {
 
 
 def heuristic_overrides(name: str) -> Sequence[str]:
-    """What a heuristic means in a recipe.
+    """Convert a heuristic's name to recipe settings.
 
     Raises:
-        UsageError: there is none of this name.
+        UsageError: no heuristic has this name.
     """
     if name not in HEURISTICS:
         raise UsageError(f"no heuristic {name!r}", f"heuristics: {', '.join(HEURISTICS)}")
@@ -200,13 +200,13 @@ METHOD = MethodSpec(
     plan=plan,
     hint="try --set search.budget=50000 or search.interpolated=true",
     options=(
-        Option("heuristic", "What is thought to be left: none, distance, approach.", "NAME", overrides=heuristic_overrides),
-        Option("weight", "Of the heuristic: 0 uniform cost, 1 A*, 1000 greedy best-first.", "W", float),
+        Option("heuristic", "Estimate of the remaining time: none, distance, approach.", "NAME", overrides=heuristic_overrides),
+        Option("weight", "Weight of the heuristic: 0 uniform cost, 1 A*, 1000 greedy best-first.", "W", float),
     ),
     ensemble=True,
     on_target=True,
     replans=True,
-    # Time on the target is what a plan made there costs: one node at a time, greedily, over the means, no finer than needed.
+    # On a target, planning time is robot time: expand one node at a time, greedily, over the means, with a coarse goal.
     overrides_on_target=(
         "search.batch=1", "search.weight=1000", "search.interpolated=false", "search.grid=0", "search.goal_tolerance=0.035",
     ),

@@ -1,8 +1,8 @@
-"""Plans written by hand: `3,4,8,7`, with durations and blends `3:1.0,3~4:1.0,4:1.0`, or anything between `3~4@0.25:0.5`.
+"""Plans written by hand: `3,4,8,7`, with durations and blends `3:1.0,3~4:1.0,4:1.0`, or latents between `3~4@0.25:0.5`.
 
-An entry is a skill, or two of them joined by `~`: a blend from the mean of the first to that of the second, or with a
-share λ behind `@` the latent (1-λ) z_a + λ z_b, held. Behind a colon stands how long, in seconds. Entries are separated by
-commas, spaces or lines; what follows a `#` is a remark. Skills are given by name, or by number, counted from 1.
+An entry is a skill `A`; a blend `A~B` from the mean of A to the mean of B; or `A~B@λ`, which holds the latent
+(1-λ) z_a + λ z_b. A duration in seconds may follow after a colon. Commas, spaces or lines separate entries; a `#` begins a
+comment. A skill is given by its name or its number, counted from 1.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from skillcli.config.base import value
 from skillcli.errors import UsageError
 from skillcli.trajectories import Array
 
-LONGEST, LONGEST_PLAN = 600.0, 3600.0  # s, of one entry and of all of them
+LONGEST, LONGEST_PLAN = 600.0, 3600.0  # s, the longest entry and the longest plan
 _ENTRY = re.compile(r"(?P<a>[^~@:]+)(?:~(?P<b>[^~@:]+)(?:@(?P<share>[^~@:]+))?)?(?::(?P<seconds>[^~@:]+))?")
 
 
 class SequenceSettings(MethodSettings):
-    """A plan written by hand."""
+    """Settings of a plan written by hand."""
 
     plan: str = value("", "such as 3,4,8,7 or 3:1.0,3~4:1.0,3~4@0.25:0.5 (see --plan), or a file that holds one")
     seconds: float = value(1.0, "how long an entry without a duration lasts", "s", gt=0, le=60)
@@ -44,14 +44,14 @@ class SequenceSettings(MethodSettings):
 class Entry:
     """One entry of a plan."""
 
-    text: str  # without the duration
+    text: str  # entry without its duration
     a: int  # index of the skill
-    b: int | None  # index of the skill that is blended into, None for the mean of `a` alone
+    b: int | None  # index of the skill at the end of the blend, None for the mean of `a` alone
     share: float | None  # λ, held; None for a blend from 0 to 1
     seconds: float
 
     def target(self, goals: Array) -> Array:
-        """Where it should lead, (3,) m, from the goals of the skills (K, 3) m."""
+        """Return the goal of this entry, (3,) m, from the goals of the skills (K, 3) m."""
         if self.b is None:
             return _row(goals, self.a)
         share = 1.0 if self.share is None else self.share
@@ -59,7 +59,7 @@ class Entry:
         return target
 
     def segment(self, means: Array, period: float) -> Segment:
-        """The segment that it stands for, with the means of the skills (K, d) and control steps of `period` s."""
+        """Convert to a segment, with the means of the skills (K, d) and control steps of `period` s."""
         steps = max(1, round(self.seconds / period))
         if self.b is None:
             return Segment(means[self.a], self.a, self.text, steps)
@@ -70,15 +70,15 @@ class Entry:
 
 
 def parse(text: str, names: Sequence[str], seconds: float) -> list[Entry]:
-    """The entries of a plan.
+    """Parse a plan.
 
     Args:
-        text: as in the module's description.
-        names: of the skills.
-        seconds: of an entry without a duration.
+        text: in the syntax of this module.
+        names: names of the skills.
+        seconds: duration of an entry without one.
 
     Raises:
-        UsageError: nothing in it, an unknown skill, a share outside [0, 1], a duration that is none, or unreadable.
+        UsageError: the text is empty, names an unknown skill, or has an invalid share or duration.
     """
     words = re.sub(r"#.*", "", text).replace(",", " ").split()
     if not words:
@@ -90,10 +90,10 @@ def parse(text: str, names: Sequence[str], seconds: float) -> list[Entry]:
 
 
 def skill_index(text: str, names: Sequence[str]) -> int:
-    """A skill by its name, or by its number, counted from 1.
+    """Return the index of a skill given by name, or by number counted from 1.
 
     Raises:
-        UsageError: there is none.
+        UsageError: no skill has this name or number.
     """
     if text in names:
         return list(names).index(text)
@@ -104,7 +104,7 @@ def skill_index(text: str, names: Sequence[str]) -> int:
 
 
 def waypoints(entries: Sequence[Entry], goals: Array) -> list[Array]:
-    """Where a plan should lead, (3,) m each: the goals of what it holds, or the end of its last blend where it only blends."""
+    """Return the goals of the held entries, (3,) m each; of the last blend's end if the plan only blends."""
     held = [entry.target(goals) for entry in entries if entry.b is None or entry.share is not None]
     return held or [entries[-1].target(goals)]
 
@@ -141,12 +141,12 @@ def _row(goals: Array, index: int) -> Array:
 
 
 def plan(problem: PlanningProblem) -> PlanResult:
-    """What is written down, as it is."""
+    """Return the written plan unchanged."""
     return PlanResult([entry.segment(problem.mean, problem.period) for entry in problem.entries])
 
 
 def write(request: WrittenRequest) -> list[WrittenRoute]:
-    """The plan that is typed, judged by task or goals where they are given, else by the goals of the skills that it holds."""
+    """Write the typed plan; its waypoints are the given goals, else the goals of the skills that it holds."""
     settings = request.settings
     assert isinstance(settings, SequenceSettings)
     if not settings.plan.strip():
@@ -159,7 +159,7 @@ def write(request: WrittenRequest) -> list[WrittenRoute]:
 
 
 def plan_text(plan: str) -> str:
-    """A plan as typed, or what is in the file that is named.
+    """Return a plan as typed, or the content of the file that it names.
 
     Raises:
         UsageError: it looks like a file and cannot be read.
@@ -170,7 +170,7 @@ def plan_text(plan: str) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is no text"
+        reason = error.strerror if isinstance(error, OSError) else "it is not text"
         raise UsageError(
             f"plan file {plan!r} cannot be read: {reason}", "a plan is text, such as 3:1.0,3~4:1.0,4:1.0"
         ) from None
@@ -182,8 +182,8 @@ METHOD = MethodSpec(
     plan=plan,
     hint="give its entries more time, or let --method search find a plan",
     options=(
-        Option("plan", "Such as 3,4,8,7 or 3:1.0,3~4:1.0,3~4@0.25:0.5, or a file.", "PLAN", read=plan_text),
-        Option("seconds", "Of an entry without a duration, 1 s by default.", "SECONDS", float),
+        Option("plan", "The plan, such as 3,4,8,7 or 3:1.0,3~4:1.0,3~4@0.25:0.5, or a file.", "PLAN", read=plan_text),
+        Option("seconds", "Duration of an entry that names none, 1 s by default.", "SECONDS", float),
     ),
     write=write,
 )

@@ -1,8 +1,8 @@
 """Uniform cost search over latents (Dijkstra 1959; with a heuristic, A*: Hart, Nilsson and Raphael 1968).
 
-A node is a simulator state reached by holding latents one after the other; its cost is the time that took. `ask` proposes
-(node, latent, duration) expansions, the cheapest nodes first, several at once; `tell` takes what they led to. The search
-never sees a simulator: states are opaque rows.
+A node is a simulator state reached by a sequence of held latents; its cost is the time they took. `ask` proposes
+expansions (node, latent, duration), the cheapest nodes first and several at once; `tell` takes the outcomes. The search
+never sees a simulator: states are opaque arrays.
 """
 
 from __future__ import annotations
@@ -23,44 +23,44 @@ from skillcli.trajectories import Array
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """A state that some sequence of latents leads to."""
+    """A state reached by a sequence of latents."""
 
     parent: Node | None
     choice: int  # index into the choices, -1 at the root
     steps: int  # control steps that the last latent was held
     cost: float  # control steps from the start
-    next_waypoint: Array  # (M,) index of the waypoint that has to be met next, on each robot
-    keypoints: Array  # (M, L, 3) m, the judged one first
+    next_waypoint: Array  # (M,) index of the next waypoint, on each robot
+    keypoints: Array  # (M, L, 3) m, the achieved goal first
     sim_state: Array  # (S,) the simulator's state
-    speed: float  # m/s of the judged point at the end
+    speed: float  # m/s, of the achieved goal at the end
 
 
 @dataclass(frozen=True)
 class SearchSetup:
-    """How to search; lengths in m, durations in control steps."""
+    """Settings of a search; lengths in m, durations in control steps."""
 
     durations: tuple[int, ...]
     tolerance: float  # a waypoint is met within this
-    resolution: float  # states closer than this, with the same waypoint next, count as one
+    resolution: float  # states closer than this, with the same next waypoint, count as one
     step_seconds: float
     weight: float  # of the heuristic: 0 uniform cost, 1 A*, above 1 bounded suboptimal (Pohl 1970)
-    max_speed: float  # m/s of the judged point, for the heuristic, 0 for none
-    approach_speed: float  # m/s at which a detour is gone, for the heuristic, 0 to leave it out
-    final_speed: float  # m/s, the last waypoint counts as met only at or below this
-    budget: int  # expanded nodes
+    max_speed: float  # m/s, highest speed of the achieved goal, for the heuristic; 0 for none
+    approach_speed: float  # m/s, highest speed along a detour, for the heuristic; 0 to leave it out
+    final_speed: float  # m/s, the last waypoint is met only at or below this speed
+    budget: int  # most nodes to expand
     cost_to_go: CostToGo = STRAIGHT
 
 
 class UniformCostSearch:
-    """The cheapest node first: time so far, plus the weighted time still needed at the top speed where one is given.
+    """Expands the node with the lowest cost first: time so far, plus the weighted estimate of the remaining time.
 
     Args:
         root: the start state.
-        keypoints: (M, L, 3) m, there on M robots, the judged one first.
-        waypoints: (W, 3) m, to be met in order, each at any step; the plan ends where the last one is met.
+        keypoints: (M, L, 3) m in that state on M robots, the achieved goal first.
+        waypoints: (W, 3) m, to meet in order, each at any step; the plan ends where the last one is met.
         choices: latents.
         settings: see `SearchSetup`.
-        barred: choices that lead nowhere from the start.
+        barred: choices that must not come first.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class UniformCostSearch:
 
     @property
     def finished(self) -> bool:
-        """Whether the cheapest plan is found, the budget is spent, or nothing is left to expand."""
+        """Whether the cheapest plan is found, the budget is spent, or no node is left."""
         while self._open and self._stale(self._open[0][2]):
             heapq.heappop(self._open)
         if not self._open or self.expanded >= self.settings.budget:
@@ -93,7 +93,7 @@ class UniformCostSearch:
 
     @property
     def standing(self) -> str:
-        """How far the best plan so far comes."""
+        """Describe how far the best plan so far comes."""
         count = len(self.waypoints)
         if self.goal is not None:
             return f"a plan meets {'the waypoint' if count == 1 else f'all {count} waypoints'}"
@@ -102,7 +102,7 @@ class UniformCostSearch:
         return f"{met}{left:.3f} m to go"
 
     def ask(self, count: int) -> list[Node]:
-        """The next nodes to expand, at most `count`; each is to be continued with every choice and duration."""
+        """Return the next nodes to expand, at most `count`; try every choice and duration from each."""
         left = min(count, self.settings.budget - self.expanded)
         nodes: list[Node] = []
         while self._open and len(nodes) < left:
@@ -113,7 +113,7 @@ class UniformCostSearch:
         return nodes
 
     def tell(self, nodes: Sequence[Node], choice: Array, outcome: Outcome, steps: int) -> list[Node]:
-        """Take what holding a choice (n,) from each of n nodes for some steps led to; returns the children kept."""
+        """Take the outcome of holding a choice (n,) from each of n nodes; return the children that were kept."""
         children = []
         achieved_goal = outcome.path[:, :, :, 0]
         speed = np.linalg.norm(np.diff(achieved_goal, axis=2), axis=3).mean(axis=1) / self.settings.step_seconds  # (n, steps)
@@ -121,7 +121,7 @@ class UniformCostSearch:
         for i, node in enumerate(nodes):
             if outcome.failed[i].any() or (node.parent is None and int(choice[i]) in self._barred):
                 continue
-            held = int(met[i]) or steps  # a plan ends the moment its last goal is met
+            held = int(met[i]) or steps  # a plan ends at the step that meets its last goal
             keypoints = outcome.path[i, :, held]
             child = Node(
                 node,
@@ -142,9 +142,9 @@ class UniformCostSearch:
         return children
 
     def plan(self, node: Node) -> list[Segment]:
-        """The segments that lead to a node; the same latent twice in a row becomes one segment."""
+        """Return the segments to a node; the same latent twice in a row becomes one segment."""
         segments: list[Segment] = []
-        held = -1  # choice of the segment that comes next
+        held = -1  # choice of the following segment
         while node.parent is not None:
             if node.choice == held:
                 segments[0] = replace(segments[0], steps=segments[0].steps + node.steps)
@@ -155,7 +155,7 @@ class UniformCostSearch:
         return segments
 
     def _stale(self, node: Node) -> bool:
-        """Whether a cheaper way to the node's cell was found after the node was."""
+        """Whether a cheaper way to the node's cell was found after this node."""
         return node.cost > self._cheapest[self._cell(node)]
 
     def _keep(self, child: Node) -> None:
@@ -164,18 +164,18 @@ class UniformCostSearch:
                 self.goal = self.best = child
             return
         heapq.heappush(self._open, (self._priority(child), next(self._order), child))
-        # whatever latent is held moves the arm: standing still at the root is no plan, however near the root is
+        # every latent moves the arm: a plan without segments cannot stay at the root
         if self.goal is None and (self.best.parent is None or self._merit(child) < self._merit(self.best)):
             self.best = child
 
     def _met(self, node: Node) -> bool:
-        """Whether every waypoint is behind a node."""
+        """Whether a node has met every waypoint."""
         return bool(node.next_waypoint.min() >= len(self.waypoints))
 
     def _progress(self, next_waypoint: Array, path: Array, speed: Array) -> tuple[Array, Array]:
-        """Which waypoint is next behind each path, and the step at which the last one was met, 0 where it was not.
+        """Return the next waypoint after each path, and the step at which the last one was met, 0 if it was not.
 
-        Of the last one more is asked than to be near: to be slow, and to be near on all robots, risk adjusted.
+        The last waypoint is met only at low speed, and when the risk-adjusted distance over all robots is small.
 
         Args:
             next_waypoint: (n, M) before.
@@ -192,11 +192,11 @@ class UniformCostSearch:
         return np.where((met > 0)[:, None], last + 1, following), met
 
     def _remaining(self, node: Node) -> float:
-        """Length of the straight way through all waypoints that are not met, m."""
+        """Return the length of the straight way through all waypoints not yet met, m."""
         return 0.0 if self._met(node) else self.remaining_length(node)
 
     def remaining_length(self, node: Node) -> float:
-        """The same, where the last waypoint stays to be met, m."""
+        """Return the same length; the last waypoint always counts as not met, m."""
         following = np.minimum(node.next_waypoint, len(self.waypoints) - 1)
         return float(risk_adjusted(self._route.remaining_length(following, node.keypoints)))
 
@@ -205,7 +205,7 @@ class UniformCostSearch:
             return node.cost
         seconds = 0.0
         if self.settings.max_speed > 0:
-            # each waypoint may be met a tolerance early and left a tolerance late: less way than the straight one
+            # each waypoint may be met a tolerance early and left a tolerance late: the way is shorter than the straight one
             slack = self.settings.tolerance * (2 * (len(self.waypoints) - int(node.next_waypoint.min())) - 1)
             seconds += max(0.0, self._remaining(node) - slack) / self.settings.max_speed
         if self.settings.approach_speed > 0:
@@ -215,13 +215,14 @@ class UniformCostSearch:
         return node.cost + self.settings.weight * seconds / self.settings.step_seconds
 
     def _merit(self, node: Node) -> tuple[int, float]:
-        """How far from the end a node is, for the best plan where none meets everything."""
+        """Return how far a node is from the end, to compare nodes if no plan meets every waypoint."""
         return (-int(node.next_waypoint.min()), self._remaining(node))
 
     def _cell(self, node: Node) -> tuple[int, ...]:
-        """States that count as one: judged points in one cell, other keypoints in cells of twice the size.
+        """Return the cell of a node; nodes in one cell count as one state.
 
-        Of several robots it is the middle one's place that counts: no two plans would ever meet on all of them.
+        Cells of the achieved goal have the size of the resolution, cells of the other keypoints twice that. With several robots
+        the median position counts: two plans would almost never agree on all of them.
         """
         keypoints = node.keypoints.mean(axis=0)
         size = np.where(np.arange(len(keypoints)) == 0, 1.0, 2.0) * self.settings.resolution
