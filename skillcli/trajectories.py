@@ -77,7 +77,7 @@ class Trajectories:
         return np.zeros(self.episodes, dtype=bool) if self.gave_up is None else self.gave_up
 
     @property
-    def beyond_limits(self) -> dict[str, Array]:
+    def violation_steps(self) -> dict[str, Array]:
         """Control steps that ended beyond each limit, (E,) by its name; empty where the task has none."""
         if self.violations is None:
             return {}

@@ -112,7 +112,7 @@ def row(name: str, recording: Trajectories) -> str:
     """Success with Wilson's interval, distances, and episodes that break a limit of the box."""
     met, episodes = int(recording.success.sum()), recording.episodes
     low, high = metrics.wilson_interval(met, episodes)
-    distance, beyond = 100 * metrics.final_distance(recording), recording.beyond_limits
+    distance, beyond = 100 * metrics.final_distance(recording), recording.violation_steps
     broken = ", ".join(f"{limit} {int((beyond[limit] > 0).sum())}" for limit in ("box_tipped", "box_pressed"))
     return (
         f"{name}: {met} of {episodes} ({low:.0%}-{high:.0%}), median {np.median(distance):.1f} cm, "

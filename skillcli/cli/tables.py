@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, ByKind, kind_spec
-from skillcli.kinds.compose import BrokenLimit
+from skillcli.kinds.compose import Violation
 from skillcli.kinds.embed_means import Halfway
 from skillcli.kinds.outcome import Outcome
 from skillcli.kinds.transfer_eval import DomainResults, TransferEvalResults, WorstEpisode
@@ -113,7 +113,7 @@ def plan(artifact: Artifact) -> Group:
     return Group(_title(artifact, f": {found.method}, {found.task}"), table, caption)
 
 
-def where(broken: BrokenLimit) -> str:
+def where(broken: Violation) -> str:
     """Which limit a plan breaks, and where first."""
     steps, place = broken.control_steps, ", ".join(f"{x:.2f}" for x in broken.gripper_m)
     return (

@@ -1,1 +1,1 @@
-"""Frozen skills and plans played and judged: rollouts, planning, replanning, transfer."""
+"""Run frozen skills and plans and measure them: rollouts, planning, replanning, transfer."""

@@ -1,7 +1,7 @@
-"""Whether an artifact is what its own recipe says: names and sizes of weights, goals, latents, clock, plan.
+"""Check that an artifact agrees with its own recipe: names and shapes of weights, goals, latents, clock, plan.
 
-Only what is stored is looked at and only shapes are computed: a recipe that asks for networks of gigabytes costs nothing.
-What needs no recipe is checked by the store whenever it reads.
+Only stored values and shapes are compared; no network is built, so a recipe that asks for huge networks costs nothing. The
+store itself checks everything that needs no recipe, whenever it reads.
 """
 
 from __future__ import annotations
@@ -33,36 +33,36 @@ TRAINED = (
     "training",
     "randomisation",
     "evaluation",
-)  # recipe sections that a training depends on
+)  # recipe sections that training depends on
 
-_CLOSE = 1e-5  # between a number of 32 bits and the same computed anew
+_CLOSE = 1e-5  # difference allowed between a stored 32-bit number and its recomputed value
 _SHOWN = 3
 
 
 def skill_names(recipe: Recipe) -> tuple[str, ...]:
-    """Names of the recipe's skills: counted from one, as the paper does, where the recipe names none."""
+    """Return the names of the recipe's skills; without names they are numbered from one, as in the paper."""
     return recipe.task.names or tuple(str(k + 1) for k in range(len(recipe.task.goals)))
 
 
 def stored_recipe(artifact: Artifact, overrides: Iterable[str] = ()) -> Recipe:
-    """The recipe of an artifact, with `a.b=value` in place of what it says.
+    """Read the recipe of an artifact, with `a.b=value` overrides.
 
     Raises:
-        StoreError: it is none that this skill understands.
-        UsageError: what is put in its place is not.
+        StoreError: the stored recipe is invalid.
+        UsageError: an override is invalid.
     """
     whole = _understood(artifact, artifact.recipe.keys())
     return resolve(artifact.recipe, overrides) if overrides else whole
 
 
 def check_meaning(artifact: Artifact) -> None:
-    """Refuse an artifact that is not what its recipe says, or was made from what no artifact of its kind is made from.
+    """Refuse an artifact that disagrees with its recipe, or whose parents are of the wrong kind.
 
-    Only the sections that its skills were trained on are read: plans and transfers of an earlier skill, whose recipes may
-    say more of how they were made, stay what they are.
+    Only the sections that training depends on are read. So plans and transfers of older versions stay valid, though their
+    recipes may contain keys of their time.
 
     Raises:
-        StoreError: it is not.
+        StoreError: they disagree.
     """
     check_parents(artifact.kind, [parent.id.stage for parent in artifact.parents], str(artifact.id))
     recipe = _understood(artifact, ("name", *TRAINED))
@@ -75,10 +75,10 @@ def check_meaning(artifact: Artifact) -> None:
 
 
 def check_same_skills(artifact: Artifact, source: Artifact) -> None:
-    """Refuse an artifact that was made with other skills than those that it names as its own.
+    """Refuse an artifact that was made with other skills than those of its source.
 
     Raises:
-        StoreError: it was.
+        StoreError: the skills differ.
     """
     own, theirs = (_understood(one, ("name", *TRAINED)).fingerprint(TRAINED) for one in (artifact, source))
     if own != theirs:
@@ -99,7 +99,7 @@ def _understood(artifact: Artifact, sections: Iterable[str]) -> Recipe:
 
 
 def _problems(spec: AnyKind, recipe: Recipe, arrays: Arrays, results: Results) -> Iterator[str]:
-    """What each folder of arrays that the kind has must agree with."""
+    """Check each group of arrays that the kind has."""
     if spec.holds("trajectories"):
         yield from _recording(recipe, arrays)
     if spec.holds("skills"):
@@ -112,11 +112,11 @@ def _problems(spec: AnyKind, recipe: Recipe, arrays: Arrays, results: Results) -
         yield from _plan(recipe, arrays, results)
     unknown = {path.split("/")[2] for path in arrays if path.startswith("domains/")} - PARAMETERS.keys()
     if unknown:
-        yield f"a domain varies {', '.join(sorted(unknown))}, which is no parameter"
+        yield f"a domain varies {', '.join(sorted(unknown))}, which is not a parameter"
 
 
 def _recording(recipe: Recipe, arrays: Arrays) -> Iterator[str]:
-    """Latents, skills, actions, clock and positions."""
+    """Check latents, skills, actions, clock and positions."""
     task, skill = recipe.task, arrays["trajectories/skill"]
     joints = _joints(recipe, arrays)
     _, action, _ = sizes(task, joints)
@@ -133,7 +133,7 @@ def _recording(recipe: Recipe, arrays: Arrays) -> Iterator[str]:
     if skill.max() >= len(task.goals):
         yield f"trajectories/skill names skill {skill.max()}, there are {len(task.goals)}"
     if not np.allclose(np.diff(arrays["trajectories/time"]), task.control_period, rtol=1e-6):
-        yield f"trajectories/time does not go on by {task.control_period} s"
+        yield f"trajectories/time does not advance by {task.control_period} s"
     if {path.removeprefix("trajectories/") for path in arrays} & _PLACES != set(places):
         yield f"its positions are not those of the {task.name} task"
 
@@ -142,14 +142,14 @@ _PLACES = {"position", "gripper_position", "object_pose", "joint_position"}
 
 
 def _joints(recipe: Recipe, arrays: Arrays) -> int:
-    """Joints of the robot; of one whose file may lie elsewhere, as many as were moved."""
+    """Return the joint count; if the robot's file is not bundled, the number of joints that moved."""
     if recipe.robot in bundled_robots():
         return len(describe_robot(recipe.robot).joints)
     return int(arrays["trajectories/action"].shape[-1])
 
 
 def _skills(recipe: Recipe, arrays: Arrays, results: Results) -> Iterator[str]:
-    """Skills, one by one; their latents are held from the start to the end of an episode."""
+    """Check the skills; their latents are held from start to end of an episode."""
     steps = arrays["trajectories/skill"].shape[1]
     if steps != recipe.task.horizon:
         yield f"its episodes have {steps} control steps, its recipe {recipe.task.horizon}"
@@ -163,11 +163,11 @@ def _skills(recipe: Recipe, arrays: Arrays, results: Results) -> Iterator[str]:
 
 
 def _weights(recipe: Recipe, arrays: Arrays) -> Iterator[str]:
-    """Every weight, by name, type and shape; and what the embedding's weights mean."""
+    """Check name, type and shape of every weight, and the embedding that the weights encode."""
     observation, action, _ = sizes(recipe.task, _joints(recipe, arrays))
     found = {path.removeprefix("weights/"): array for path, array in arrays.items() if path.startswith("weights/")}
     extra = found.get("privileged_normalizer.mean")
-    privileged = 0 if extra is None or extra.ndim != 1 else len(extra)  # has been another one
+    privileged = 0 if extra is None or extra.ndim != 1 else len(extra)  # the check of shapes refuses another rank
     wanted = weight_shapes(recipe, observation, action, privileged)
     for name in sorted(wanted.keys() ^ found.keys()):
         yield f"weights/{name} is {'missing' if name in wanted else 'none of its networks'}"

@@ -1,4 +1,4 @@
-"""What is fed to the episodes of a transfer: the routes of a composed plan in turn, or each skill's mean in turn."""
+"""The latents of a transfer's episodes: the routes of a composed plan in turn, or each skill's mean in turn."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from skillcli.trajectories import Array
 
 @dataclass(frozen=True)
 class EpisodeSchedule:
-    """E episodes."""
+    """Latents, skills and waypoints of E episodes."""
 
     latent: Array  # (E, T, d)
     skill: Array  # (E, T)
     steps: Array  # (E,) control steps of each episode
-    waypoints: tuple[Array, ...]  # (W, 3) m of each episode, the goal alone for bare skills
+    waypoints: tuple[Array, ...]  # (W, 3) m of each episode; for bare skills the goal alone
 
     @property
     def episodes(self) -> int:
-        """How many there are, E."""
+        """Return the number of episodes, E."""
         return len(self.latent)
 
     @staticmethod
     def of(source: Artifact, library: Library) -> EpisodeSchedule:
-        """The script of an artifact that holds a plan, or of the skills of any other; one episode of each route or skill."""
+        """Make the schedule of an artifact with a plan, or of bare skills; one episode per route or skill."""
         if kind_spec(source.kind).holds("plan"):
             plan = Plan.read(source.arrays, library.recipe.task.control_period)
             target, route = source.arrays["waypoints/target"], source.arrays["waypoints/route"]
@@ -41,7 +41,7 @@ class EpisodeSchedule:
         return EpisodeSchedule(latents, skills, np.full(len(latents), horizon), tuple(goal[None] for goal in library.goals))
 
     def in_turn(self, episodes: int) -> EpisodeSchedule:
-        """Each episode again and again, until there are this many."""
+        """Repeat the episodes in order until there are this many."""
         turn = np.arange(episodes) % self.episodes
         return EpisodeSchedule(
             self.latent[turn], self.skill[turn], self.steps[turn], tuple(self.waypoints[index] for index in turn)

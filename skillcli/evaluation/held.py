@@ -1,4 +1,4 @@
-"""One latent held from the start to the end of each episode."""
+"""Hold one latent from the start to the end of each episode."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from skillcli.trajectories import Array, Trajectories
 def rollout_held(
     recipe: Recipe, agent: Agent, latent: Array, target: Array, skill: Array, threads: int = 0
 ) -> tuple[Trajectories, Array]:
-    """From the start, hold one latent (E, d) per episode to the end, judged by its target (E, 3) m.
+    """Hold one latent (E, d) per episode from start to end; success is measured at its target (E, 3) m.
 
     Returns:
-        The recording, with `fed` (E,) as its skills, and the observations (E, T+1, o).
+        The recording, with the skills (E,), and the observations (E, T+1, o).
     """
     world = World.of(recipe)
     recordings, observations = [], []

@@ -1,4 +1,4 @@
-"""Everything that the result of a stage depends on, as a fingerprint by which finished work is recognised."""
+"""Fingerprints of all inputs of a stage, by which finished work is recognised."""
 
 from __future__ import annotations
 
@@ -17,42 +17,42 @@ from skillcli.simulation.domains import find_domains
 from skillcli.store import Artifact, Parent
 from skillcli.tasks.world import World
 
-DRAWN = "each episode by itself, what repeats once"  # how robots are drawn: what was drawn otherwise is not used again
+DRAWN = "each episode by itself, what repeats once"  # how robots are drawn; results drawn in another way are not reused
 
 
 def robots_for(recipe: Recipe, method: str, on: str, seed: int) -> SampledRobots:
-    """The robots that a method tries latents on.
+    """Return the robots on which a method tries latents.
 
     Raises:
-        UsageError: the domain is unknown, or the method does not try anything.
+        UsageError: the domain is unknown, or the method tries no latents.
     """
     spec = method_spec(method)
     if on and not spec.on_target:
         able = ", ".join(name for name, other in all_specs().items() if other.on_target)
-        raise UsageError(f"--method {method} tries nothing, on no domain", f"--on goes with {able}")
+        raise UsageError(f"--method {method} tries no latents, so it cannot plan on a domain", f"--on goes with {able}")
     settings = recipe.compose if spec.ensemble else recipe.compose.model_copy(update={"ensemble": 0})
     return SampledRobots.of(settings, on, seed, World.of(recipe).joints)
 
 
 def replanning() -> list[str]:
-    """Methods whose plans can be made again on the way."""
+    """List the methods that can plan again during an episode."""
     return [name for name, spec in all_specs().items() if spec.replans]
 
 
 def pretrain_inputs(recipe: Recipe, seed: int) -> str:
-    """Of a training."""
+    """Return the fingerprint of a training."""
     return fingerprint(PRETRAIN.name, [recipe.fingerprint(TRAINED), seed, World.of(recipe).fingerprint])
 
 
 def embed_means_inputs(source: Artifact | Parent) -> str:
-    """Of the means of a training."""
+    """Return the fingerprint of the means of a training."""
     return fingerprint(EMBED_MEANS.name, [source.content_sha256])
 
 
 def compose_inputs(
     source: Artifact | Parent, recipe: Recipe, request: Request, method: str, seed: int = 0, on: str = ""
 ) -> str:
-    """Of a composition."""
+    """Return the fingerprint of a composition."""
     parts: list[Any] = [
         source.content_sha256,
         method,
@@ -76,7 +76,7 @@ def transfer_eval_inputs(
     robot: Robot | None = None,
     sensitivity: bool = False,
 ) -> str:
-    """Of a transfer."""
+    """Return the fingerprint of a transfer."""
     tables = [[domain.name, str(sorted(domain.parameters.items()))] for domain in find_domains(domains)]
     replanned = recipe.fingerprint(["transfer", "compose", *replanning()]) if recipe.transfer.replan else ""
     parts: list[Any] = [source.content_sha256, tables, episodes, seed, replanned, DRAWN]

@@ -1,4 +1,4 @@
-"""A skill library out of the store: the frozen agent, its recipe and its mean latents."""
+"""A skill library from the store: the frozen agent, its recipe and its mean latents."""
 
 from __future__ import annotations
 
@@ -38,20 +38,20 @@ class Library:
 
     @cached_property
     def world(self) -> World:
-        """The task on the robot that the skills were trained on."""
+        """Return the task with the robot that the skills were trained on."""
         return World.of(self.recipe)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the skills, as in the recipe."""
+        """Return the names of the skills, as in the recipe."""
         return skill_names(self.recipe)
 
 
 def check_untouched(library: Library, recipe: Recipe, settable: str) -> None:
-    """Refuse a recipe that other skills than these would come of.
+    """Refuse a recipe that would train other skills than these.
 
     Raises:
-        UsageError: it differs from the library's where a training depends on it.
+        UsageError: it differs from the library's recipe in a key that training depends on.
     """
     if recipe.fingerprint(TRAINED) != library.recipe.fingerprint(TRAINED):
         raise UsageError(
@@ -61,10 +61,10 @@ def check_untouched(library: Library, recipe: Recipe, settable: str) -> None:
 
 
 def open_library(store: Store, artifact: Artifact) -> Library:
-    """The library that an artifact holds, or was made from.
+    """Open the library that an artifact holds or was made from.
 
     Raises:
-        StoreError: there is no pretrain artifact among its ancestors, or one of the two is not what its recipe says.
+        StoreError: it has no pretrain ancestor, or one of the two disagrees with its recipe.
     """
     source = artifact if PRETRAIN.is_kind_of(artifact) else store.read(ancestor(store, artifact.id, PRETRAIN.name))
     for one in {source.id: source, artifact.id: artifact}.values():
@@ -80,10 +80,10 @@ def open_library(store: Store, artifact: Artifact) -> Library:
 
 
 def kin(store: Store, artifact_id: ArtifactId, library: Library) -> Artifact:
-    """An artifact that has to do with a library, in its migrated form where it has one.
+    """Read an artifact that belongs to a library, in its migrated form if there is one.
 
     Raises:
-        StoreError: it cannot be read, is not what its recipe says, or was made with other skills.
+        StoreError: it cannot be read, disagrees with its recipe, or was made with other skills.
     """
     found = store.read(store.current(artifact_id))
     check_meaning(found)
@@ -92,7 +92,7 @@ def kin(store: Store, artifact_id: ArtifactId, library: Library) -> Artifact:
 
 
 def ancestor(store: Store, artifact_id: ArtifactId, kind: str) -> ArtifactId:
-    """The nearest ancestor of a kind, in its migrated form where it has one.
+    """Return the nearest ancestor of a kind, in its migrated form if there is one.
 
     Raises:
         StoreError: there is none.
@@ -104,7 +104,7 @@ def ancestor(store: Store, artifact_id: ArtifactId, kind: str) -> ArtifactId:
 
 
 def fingerprint(stage: str, parts: Iterable[Any]) -> str:
-    """SHA-256 over everything that determines a stage's result, to recognise finished work."""
+    """Hash everything that determines a stage's result with SHA-256, to recognise finished work."""
     return hashlib.sha256(json.dumps([stage, *parts], sort_keys=True, default=_plain).encode()).hexdigest()
 
 

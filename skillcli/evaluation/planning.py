@@ -1,4 +1,4 @@
-"""A planning problem out of a library, a recipe and robots: the world that a method plans in is simulated here."""
+"""Build planning problems from a library, a recipe and robots; the world of a planner is simulated here."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ def problem_of(
     library: Library, recipe: Recipe, method: str, waypoints: Array, robots: SampledRobots, entries: tuple[Entry, ...] = (),
     seed: int = 0, on_progress: OnProgress = silent,
 ) -> PlanningProblem:  # fmt: skip
-    """One route of a request, as a method is asked to plan it.
+    """Build the planning problem of one route.
 
     Args:
         library: the skills.
-        recipe: how to plan; the skills come from the library.
-        method: by its name.
+        recipe: settings of the planner; the skills come from the library.
+        method: name of the method.
         waypoints: (W, 3) m.
-        robots: that latents are tried on.
-        entries: of a plan that is written by hand, else none.
-        seed: of methods that draw at random.
-        on_progress: called with where the planning stands.
+        robots: on which latents are tried.
+        entries: of a written plan, else empty.
+        seed: of random methods.
+        on_progress: called with the progress of planning.
     """
     task = recipe.task
 

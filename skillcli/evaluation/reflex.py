@@ -1,8 +1,8 @@
-"""A reflex below the plan: where the box begins to tip, the finger lets go of it before anything is planned again.
+"""A reflex below the plan: when the box begins to tip, the finger lets go of it before a new plan is made.
 
-What tips a box is a finger that comes down on its rim, a few millimetres from where it was meant to pass, and pushes, presses
-or drags it there. Plans do not foresee that: it hangs on millimetres that the sensors do not show. From the first degrees to a
-box that falls it takes a fifth of a second, less than a segment lasts. But it shows, and a box that is let go of falls back.
+A box tips when the finger comes down on its rim, a few millimetres beside its path, and pushes, presses or drags it. A
+planner cannot foresee this: it depends on millimetres below the sensors' accuracy. From the first degrees to a fall takes a
+fifth of a second, less than a segment. But the tilt is measurable, and a box that is released in time falls back.
 """
 
 from __future__ import annotations
@@ -15,39 +15,39 @@ from skillcli.simulation.arm_environment import ArmEnvironment
 from skillcli.simulation.environment import StateEstimate
 from skillcli.trajectories import Array
 
-TIPPING = math.radians(9)  # that a box is about to lean by: in pushes that go well it hardly passes 5
-STANDING = math.radians(3)  # from where it rests; below, it counts as standing
-FORESIGHT = 0.1  # s ahead that its lean is foreseen, on a straight line: about what an arm needs to answer
-ROOM = 0.05  # m between the middle of the finger and the box from which a new plan may begin
-LEAD = 0.06  # m that the gripper is sent ahead of where it is
-ASIDE = 0.7  # of the way up that it goes against the lean
-LONGEST = 20  # control steps in a row: a finger that cannot get away is left to the next plan
+TIPPING = math.radians(9)  # predicted tilt that triggers the reflex; in a good push it rarely exceeds 5°
+STANDING = math.radians(3)  # tilt from the resting orientation below which the box counts as upright
+FORESIGHT = 0.1  # s, horizon of the linear prediction: about the reaction time of an arm
+ROOM = 0.05  # m, clearance between the middle of the finger and the box at which a new plan may begin
+LEAD = 0.06  # m, lead of the commanded gripper position over the measured one
+ASIDE = 0.7  # sideways speed against the tilt, per upward speed
+LONGEST = 20  # control steps in a row; if the finger cannot get away by then, the planner decides
 
 
 class Reflex:
-    """Lets go of a box that begins to tip.
+    """Releases a box that begins to tip.
 
     Args:
-        env: for what estimated states suggest; its first simulation is used.
+        env: simulates estimated states; only its first simulation is used.
     """
 
     def __init__(self, env: ArmEnvironment) -> None:
         self._env, self._steps_ahead = env, FORESIGHT / env.control_period
 
     def reset(self, seen: StateEstimate) -> None:
-        """An episode begins, with the box at rest."""
+        """Begin an episode with the box at rest."""
         self._rest, self._lean = seen.tilt[0], 0.0
-        self._count = 0  # control steps that it has been letting go
+        self._count = 0  # control steps since the reflex began
 
     def action(self, seen: StateEstimate, sag: Array) -> Array | None:
-        """What lets go of the box, in units of the action limit (1, J); None while it stands.
+        """Return the action that releases the box, in units of the action limit (1, J); None while it is upright.
 
-        Straight up, which frees a box that is dragged or pressed from above, and against its lean. A box that is pushed leans
-        away from the finger, one that is pressed on its rim towards it: away from the box would drag that one along.
+        The finger moves straight up, which frees a box that it drags or presses, and sideways against the tilt. A pushed box
+        tilts away from the finger, a box pressed on its rim tilts towards it: moving away from the box would drag it along.
 
         Args:
-            seen: the target as its sensors show it, at every control step.
-            sag: (J,) rad, how far its joints come to rest from where they are sent.
+            seen: estimated state of the target, at every control step.
+            sag: (J,) rad, resting offset of its joints from their commands.
         """
         tilt = seen.tilt[0] - self._rest
         before, self._lean = self._lean, math.asin(min(1.0, float(np.linalg.norm(tilt))))
@@ -63,7 +63,7 @@ class Reflex:
         arms = self._env.arms
         way = np.array([*(-ASIDE * tilt / max(STANDING, float(np.linalg.norm(tilt)))), 1.0])
         turn = arms.turns_towards(np.tile(LEAD * way / np.linalg.norm(way), (self._env.num_envs, 1)))[0]
-        # from where the arm is, not from where it was sent: that is further in the box
+        # start from the measured position: the commanded one lies deeper in the box
         target = arms.joint_position[0] - sag + turn
         action: Array = np.clip((target - arms.commanded[0]) / arms.action_limit, -1.0, 1.0)
         return action[None]

@@ -1,7 +1,7 @@
-"""Closed loop over segments: look at the target after each one, plan again from what is seen, and go on from there.
+"""Closed-loop execution: after each segment, estimate the state of the target and plan again from there.
 
-How late the target obeys is told from how it moved; the next plan is made for a robot that obeys as late. A box that begins to
-tip ends the segment: see `reflex`.
+The latency of the target is identified from its motion, and the next plan is made with this latency. When a box begins to
+tip, the segment ends at once: see `reflex`.
 """
 
 from __future__ import annotations
@@ -32,60 +32,63 @@ from skillcli.simulation.arm_environment import ArmEnvironment
 from skillcli.simulation.environment import Environment, StateEstimate
 from skillcli.trajectories import Array, Trajectories
 
-MARGIN = 0.8  # of the tolerance that the judge has: what the sensors show is off by millimetres
-UNBREAKABLE = 3  # limits that every arm has; what an object adds comes behind
-KEPT = ("box_pressed", "box_tipped")  # limits that a plan keeps; noise alone may break those of the arm
-FRICTION = np.array([0.6, 1.0, 1.4, 1.4])  # factors of robots that must not break them either: where it is high a box tips
-DOUBT = 0.01  # rad that their joints rest elsewhere than believed
-PATIENCE = 0.5  # of an episode's time for coming as near as asked for; from then on what the judge takes is near enough
-FIRST_LOOK = 4  # control steps after which a target is looked at first: how it obeys is not known before
-OFF = 0.01  # m that a plan is expected to be off by as long as nothing was seen
-GLANCE = 2  # control steps over which the speed of the judged point is seen: over one, noise would drown it
+MARGIN = 0.8  # of the tolerance of success: sensors are off by millimetres
+ARM_LIMITS = 3  # number of limits of an arm without an object; limits of the object follow
+KEPT = ("box_pressed", "box_tipped")  # limits that a plan keeps; sensor noise alone may violate those of the arm
+# Contact friction of the robots that must keep these limits too: a box tips more easily where friction is high.
+FRICTION = np.array([0.6, 1.0, 1.4, 1.4])
+DOUBT = 0.01  # rad, std of the resting offset of their joints
+PATIENCE = 0.5  # of an episode's time spent on reaching the planner's goal tolerance; afterwards the task's tolerance is enough
+FIRST_LOOK = 4  # control steps before the first replanning, because nothing is known of the target yet
+EXPECTED_ERROR = 0.01  # m, expected error of a plan before the first measurement
+SPEED_WINDOW = 2  # control steps over which the speed of the achieved goal is measured: over one, noise would dominate
 
 
 @dataclass
 class Effort:
-    """What planning again took."""
+    """Cost of replanning."""
 
     plans: int = 0
     seconds: float = 0.0
 
     @property
     def mean(self) -> float | None:
-        """Seconds per plan, None where nothing was planned."""
+        """Return the mean seconds per plan, None without plans."""
         return self.seconds / self.plans if self.plans else None
 
 
 @dataclass(frozen=True)
 class Prospect:
-    """What is to be done next, and what the simulation says comes of it."""
+    """The next segment, and its predicted result."""
 
     segment: Segment
-    place: Array  # (3,) m, where the judged point should be behind it
-    to_go: float  # m, what the whole plan leaves of the way
+    place: Array  # (3,) m, predicted achieved goal after the segment
+    to_go: float  # m, length of the way that the whole plan leaves
 
 
 class Replanner:
-    """Plans again and again, in simulations of its own, for a target that it knows through its sensors only.
+    """Plans repeatedly, in its own simulations, for a target that it knows only through sensors.
 
     Args:
         library: the skills.
-        recipe: how to plan.
-        method: one whose plan can be made again.
+        recipe: settings of planner and replanning.
+        method: a method that can plan again during an episode.
 
     Raises:
-        UsageError: it cannot.
+        UsageError: the method cannot.
     """
 
     def __init__(self, library: Library, recipe: Recipe, method: str) -> None:
         if not method_spec(method).replans:
             able = " or ".join(name for name, spec in all_specs().items() if spec.replans)
-            raise UsageError(f"a plan of --method {method} cannot be made again on the way", f"--replan goes with {able}")
+            raise UsageError(
+                f"a plan of --method {method} cannot be made again during an episode", f"--replan goes with {able}"
+            )
         robots = SampledRobots({"latency": np.zeros(1)})
         problem = problem_of(library, recipe, method, np.zeros((0, 3)), robots)
         settings = problem.settings
         if isinstance(settings, SearchSettings):
-            # who looks again soon plans quickly: on the nominal robot, in the shortest segments
+            # frequent replanning must be fast: use the nominal robot and the shortest segments
             settings = settings.model_copy(update={"segments": (min(settings.segments),)})
             problem = replace(problem, settings=settings)
             self._choices = choices_of(problem)
@@ -96,28 +99,28 @@ class Replanner:
         self.problem, self.recipe, self.effort = problem, recipe, Effort()
         self.act = library.agent.act
         self._simulations = robots.make_env(library.world, slots)
-        self._latency = 0.0  # s, of the simulations
+        self._latency = 0.0  # s, latency of the simulations
         self._known = Identification(library.world)
         self._world = LatentEnvironment(self._simulations, self.act, limits=KEPT)
         self._others: Environment | None = None
-        if isinstance(settings, SearchSettings) and self._simulations.violations().shape[1] > UNBREAKABLE:
+        if isinstance(settings, SearchSettings) and self._simulations.violations().shape[1] > ARM_LIMITS:
             several = SampledRobots({"latency": np.zeros(len(FRICTION)), "contact_friction": FRICTION}, len(FRICTION))
             self._others = several.make_env(library.world, len(self._choices.latent))
             self._elsewhere = LatentEnvironment(self._others, self.act, len(FRICTION), KEPT)
         self.reflex: Reflex | None = None
-        if isinstance(self._simulations, ArmEnvironment) and self._simulations.violations().shape[1] > UNBREAKABLE:
+        if isinstance(self._simulations, ArmEnvironment) and self._simulations.violations().shape[1] > ARM_LIMITS:
             self.reflex = Reflex(self._simulations)
-        self._reckless = LatentEnvironment(self._simulations, self.act)
+        self._without_limits = LatentEnvironment(self._simulations, self.act)
         self._longest = problem.steps(longest)
 
     def episode(self, target: Environment, waypoints: Array, steps: int, seed: int) -> Trajectories:
-        """One episode on one target robot that stands at its start.
+        """Run one episode on one target robot, which is at its start.
 
         Args:
             target: one simulation.
             waypoints: (W, 3) m.
             steps: control steps at most.
-            seed: of methods that use chance.
+            seed: of random methods.
         """
         target.desired_goal[:] = waypoints[-1]
         self._known.reset()
@@ -129,32 +132,32 @@ class Replanner:
         return recording.with_success(recording.success & met(recording, [waypoints], target.tolerance))
 
     def let_go(self, seen: StateEstimate) -> Array | None:
-        """What lets go of a box that begins to tip, (1, J); None where nothing does."""
+        """Return the action that releases a box that begins to tip, (1, J); None if there is nothing to release."""
         return None if self.reflex is None else self.reflex.action(seen, self._known.sag)
 
     @property
     def goal_tolerance(self) -> float:
-        """What is near enough to stop, m."""
+        """Distance at which the episode may stop, m."""
         own = self.problem.settings
         assert isinstance(own, SearchSettings | MpcSettings)
         return min(own.goal_tolerance, self.problem.tolerance)
 
     @property
     def final_speed(self) -> float:
-        """What is slow enough to stop, m/s; 0 for any speed."""
+        """Highest speed at which the episode may stop, m/s; 0 for any."""
         own = self.problem.settings
         return own.final_speed if isinstance(own, SearchSettings) else 0.0
 
     def update(self, state: Array, applied: Sequence[Array], measured: Sequence[Array]) -> None:
-        """Take account of a segment that is over, see `Identification`; plan for a robot that obeys like that."""
+        """Identify the target from a finished segment (see `Identification`) and plan with its latency."""
         self._known.update(state, applied, measured)
         self._set_latency(self._known.latency)
 
     def _set_latency(self, latency: float) -> None:
-        """Let the simulations obey this late, s."""
+        """Set the latency of the simulations, s."""
         if latency != self._latency:
             late = {"latency": np.full(self._simulations.num_envs, latency)}
-            self._simulations.randomize(late, np.random.default_rng(0))  # without noise there is nothing to draw
+            self._simulations.randomize(late, np.random.default_rng(0))  # without noise nothing is drawn
             if self._others is not None:
                 friction = np.resize(FRICTION, self._others.num_envs)
                 late = {"latency": np.full(len(friction), latency), "contact_friction": friction}
@@ -162,26 +165,26 @@ class Replanner:
             self._latency = latency
 
     def next(self, seen: StateEstimate, waypoints: Array, rng: np.random.Generator) -> Prospect:
-        """The first segment of a new plan, and what comes of it; where every way breaks a limit, the limits are left out."""
+        """Plan the next segment and predict its result; if every plan violates a limit, plan without limits."""
         began = time.perf_counter()
         barred = self._barred(seen, rng)
         self._simulations.set_estimated_state(np.array([0]), seen.state, self._known.sag[None])
-        row, points = self._world.start()
-        planner = self._planner(row, points, waypoints, rng, barred)
+        sim_state, keypoints = self._world.start()
+        planner = self._planner(sim_state, keypoints, waypoints, rng, barred)
         run(planner, self._world, lambda *_: None)
         if not planner.plan():
-            planner = self._planner(row, points, waypoints, rng)
-            run(planner, self._reckless, lambda *_: None)
+            planner = self._planner(sim_state, keypoints, waypoints, rng)
+            run(planner, self._without_limits, lambda *_: None)
         self.effort.plans += 1
         self.effort.seconds += time.perf_counter() - began
         plan = planner.plan()
-        if not plan:  # every way fails: a moment of the first skill
+        if not plan:  # every latent fails: hold the first skill for one step
             first = Segment(self.problem.mean[0], 0, self.problem.names[0], 1)
-            return Prospect(first, points[0, 0], planner.remaining_length)
+            return Prospect(first, keypoints[0, 0], planner.remaining_length)
         return Prospect(replace(plan[0], steps=min(plan[0].steps, self._longest)), planner.next_place, planner.remaining_length)
 
     def _barred(self, seen: StateEstimate, rng: np.random.Generator) -> frozenset[int]:
-        """Choices that break a limit of the box sooner than others do, held where it slides worse or better than believed."""
+        """Return the choices that violate a limit of the box more often than others, over several values of friction."""
         if self._others is None:
             return frozenset()
         each, sag = (
@@ -195,17 +198,17 @@ class Replanner:
         return frozenset(np.flatnonzero(broken > broken.min()).tolist())
 
     def _planner(
-        self, row: Array, points: Array, waypoints: Array, rng: np.random.Generator, barred: Collection[int] = ()
+        self, sim_state: Array, keypoints: Array, waypoints: Array, rng: np.random.Generator, barred: Collection[int] = ()
     ) -> Expansions | ModelPredictiveControl:
         if isinstance(self.problem.settings, MpcSettings):
-            return mpc_from(self.problem, row, points, waypoints, 1, rng)
+            return mpc_from(self.problem, sim_state, keypoints, waypoints, 1, rng)
         settings = self.recipe.transfer
-        search = search_from(self.problem, row, points, waypoints, self._choices, settings.replan_budget, barred)
+        search = search_from(self.problem, sim_state, keypoints, waypoints, self._choices, settings.replan_budget, barred)
         return Expansions(search, settings.replan_batch)
 
 
 class ReplannedEpisode:
-    """One episode under way: which waypoints are behind it, and what is being held."""
+    """One running episode: the waypoints met so far, and the segment being held."""
 
     def __init__(
         self, replanner: Replanner, target: Environment, waypoints: Array, patience: int, rng: np.random.Generator
@@ -214,19 +217,19 @@ class ReplannedEpisode:
         self._patience = patience  # control steps
         self._due = 0
         self._prospect: Prospect | None = None
-        self._errors: list[float] = []  # m, how far the judged point came to lie from where a segment should have led it
-        self._held, self._left = 0, 0  # control steps that the segment was held for, and still is
+        self._errors: list[float] = []  # m, distance between measured and predicted achieved goal after each segment
+        self._held, self._left = 0, 0  # control steps that the segment was held, and is still to be held
         self._looked, self._in_time = False, True
-        self._path: list[Array] = []  # (3,) m, the judged point as it was seen
-        self._begun: Array = np.zeros((1, 0))  # what was seen when the segment began
+        self._path: list[Array] = []  # (3,) m, estimated achieved goal at each step
+        self._begun: Array = np.zeros((1, 0))  # estimated state at the start of the segment
         self._applied: list[Array] = []
-        self._measured: list[Array] = []  # since then, behind each step
-        self._letting_go: Array | None = None  # (1, J) what is done instead of what the policy would
+        self._measured: list[Array] = []  # joint angles after each step of the segment
+        self._letting_go: Array | None = None  # (1, J) action of the reflex, which replaces the policy's
         if replanner.reflex is not None:
             replanner.reflex.reset(target.estimate_state())
 
     def act(self, observation: Array, latent: Array) -> Array:
-        """What the policy does, unless the box begins to tip."""
+        """Return the action of the policy, or of the reflex if the box begins to tip."""
         if self._letting_go is not None:
             return self._letting_go
         action: Array = self._replanner.act(observation, latent)
@@ -243,7 +246,7 @@ class ReplannedEpisode:
             self._applied.append(self._target.applied[0].copy())
             self._measured.append(seen.state[0, : self._target.joints])
         self._letting_go = self._replanner.let_go(seen)
-        if self._letting_go is not None:  # no latent is held, and a new plan begins behind it
+        if self._letting_go is not None:  # the reflex holds no latent, and a new plan begins after it
             self._prospect, self._left, self._applied, self._measured = None, 0, [], []
             return np.zeros((1, self._replanner.problem.mean.shape[1])), np.array([-1]), np.array([True])
         if self._arrived():
@@ -257,7 +260,7 @@ class ReplannedEpisode:
         return latent[None], np.array([segment.skill]), np.array([True])
 
     def _go_on(self, seen: StateEstimate) -> bool:
-        """Plan again; whether that is worth its while."""
+        """Plan again; return whether the new segment is worth executing."""
         if self._prospect is not None and self._held == self._prospect.segment.steps:
             self._errors.append(float(np.linalg.norm(seen.achieved_goal[0] - self._prospect.place)))
         self._identify(seen)
@@ -268,47 +271,47 @@ class ReplannedEpisode:
         return not (len(self._path) > 1 and self._near() and self._hopeless())
 
     def gave_up(self) -> bool:
-        """Whether its time was over, and what is judged seemed not to be near."""
+        """Return whether time ran out while the achieved goal still seemed too far from the target."""
         self._path.append(self._target.estimate_state().achieved_goal[0])
         return self._in_time and not self._near()
 
     def _near(self) -> bool:
-        """Whether the judge would take it, at the last waypoint."""
+        """Whether the achieved goal is within the task's tolerance of the last waypoint."""
         return self._due == len(self._waypoints) - 1 and self._gap() <= MARGIN * self._target.tolerance
 
     def _hopeless(self) -> bool:
-        """Whether the plan should end no nearer than here, with what plans of this episode were off by."""
+        """Whether the plan is expected to end no nearer than the present position, given the errors of earlier plans."""
         assert self._prospect is not None
-        spread = float(np.sqrt(np.mean(np.square([OFF, *self._errors]))))
+        spread = float(np.sqrt(np.mean(np.square([EXPECTED_ERROR, *self._errors]))))
         return float(np.hypot(self._prospect.to_go, spread)) >= self._gap()
 
     def _gap(self) -> float:
-        """To the waypoint that is due, as it was seen, m."""
+        """Return the estimated distance to the next waypoint, m."""
         return float(np.linalg.norm(self._path[-1] - self._waypoints[self._due]))
 
     def _identify(self, seen: StateEstimate) -> None:
-        """Learn from the segment that has ended how the target obeys."""
+        """Identify the target from the segment that has just ended."""
         self._replanner.update(self._begun, self._applied, self._measured)
         self._begun, self._applied, self._measured = seen.state, [], []
 
     def _arrived(self) -> bool:
-        """Take note of a waypoint that is met; whether the last one is, slowly enough."""
+        """Record a waypoint that is met; return whether the last one is, at a low enough speed."""
         gap = self._gap()
         if self._due < len(self._waypoints) - 1:
             near = MARGIN * self._target.tolerance
             following = int(metrics.next_waypoint(self._due, self._path[-1], self._waypoints, near, keep_last=True))
             if following > self._due:
-                self._due, self._left = following, 0  # what is being held was meant for the one before
+                self._due, self._left = following, 0  # the rest of the segment was planned for the previous waypoint
             return False
         fastest = self._replanner.final_speed
         slow = not fastest or self._speed() <= fastest
         near = self._replanner.goal_tolerance
-        if len(self._path) > self._patience:  # some places no sequence of latents comes nearer to
+        if len(self._path) > self._patience:  # the skills cannot come closer to some places
             near = max(near, MARGIN * self._target.tolerance)
         return gap <= near and slow and len(self._path) > 1
 
     def _speed(self) -> float:
-        """Of the judged point as it was seen, m/s."""
-        behind = self._path[-1 - min(GLANCE, len(self._path) - 1)]
-        seconds = max(1, min(GLANCE, len(self._path) - 1)) * self._target.control_period
+        """Return the estimated speed of the achieved goal, m/s."""
+        behind = self._path[-1 - min(SPEED_WINDOW, len(self._path) - 1)]
+        seconds = max(1, min(SPEED_WINDOW, len(self._path) - 1)) * self._target.control_period
         return float(np.linalg.norm(self._path[-1] - behind)) / seconds

@@ -1,4 +1,4 @@
-"""What is asked of a composition: waypoints on one or several routes, and for plans by hand the plan itself."""
+"""The request of a composition: waypoints on one or several routes, and for written plans the plan itself."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ Goals = Sequence[Sequence[float]]
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked of a composition: a named task, goals in order, or a plan by hand.
+    """A request: a named composition, goals in order, or a written plan.
 
-    A task has one or several routes, each planned and executed from the start, with waypoints to be met in order.
+    A composition has one or several routes. Each route starts at the start and has waypoints to meet in order.
     """
 
-    task: str  # "" where goals are given
+    task: str  # "" if goals are given
     routes: tuple[Array, ...]  # (W, 3) m each
-    entries: tuple[tuple[Entry, ...], ...] = ()  # of each route, for a method that plays plans written by hand
+    entries: tuple[tuple[Entry, ...], ...] = ()  # of each route, for a written plan
 
     @staticmethod
     def of(recipe: Recipe, task: str, goals: Goals, method: str = DEFAULT) -> Request:
-        """Named task or goals, as they fit the method; where neither is given, what the recipe asks for.
+        """Read the request from a task name or goals, as the method needs them; without both, from the recipe.
 
         Raises:
-            UsageError: both, none, an unknown name, or a goal that cannot be reached.
+            UsageError: both are given, none is given, the name is unknown, or a goal cannot be reached.
         """
         if task and goals:
             raise UsageError("a composition takes --task or --goal, not both", "leave one of them out")
@@ -56,12 +56,12 @@ class Request:
 
     @property
     def waypoints(self) -> Array:
-        """The waypoints of all routes, (W, 3) m."""
+        """Return the waypoints of all routes, (W, 3) m."""
         return np.concatenate(self.routes)
 
     @property
     def route(self) -> Array:
-        """The route that each of them belongs to, (W,)."""
+        """Return the route of each waypoint, (W,)."""
         return np.repeat(np.arange(len(self.routes)), [len(route) for route in self.routes])
 
 

@@ -1,6 +1,6 @@
-"""Finished work that may stand in for work to be done.
+"""Find finished work that can be reused.
 
-A header only claims what an artifact was made from. Here that is computed anew from its own recipe, seed and parents.
+A header only claims the inputs of an artifact. Here they are computed again from its own recipe, seed and parents.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ Inputs = Callable[[Artifact], str]
 
 
 def finished(store: Store, kind: AnyKind, inputs: str, name: str, inputs_of: Inputs) -> Artifact | None:
-    """The newest artifact under a name that was made from exactly these inputs, if there is one.
+    """Find the newest artifact under a name that was made from exactly these inputs.
 
     Args:
         store: where to look.
         kind: of the artifact.
         inputs: fingerprint of everything that the work depends on.
         name: first part of its id.
-        inputs_of: computes the fingerprint from an artifact's content, "" where it is none of these.
+        inputs_of: computes the fingerprint from an artifact's content; "" if it cannot.
 
     Raises:
-        StoreError: one that claims to be it cannot be read.
+        StoreError: an artifact that claims these inputs cannot be read.
     """
     for one in store.find(kind.name, inputs, name):
         artifact = store.read(one)
@@ -55,17 +55,17 @@ def _really(artifact: Artifact, inputs_of: Inputs) -> str:
 
 
 def of_pretrain(artifact: Artifact) -> str:
-    """What a training was made from."""
+    """Compute the fingerprint of a training."""
     return pretrain_inputs(stored_recipe(artifact), artifact.seed)
 
 
 def of_embed_means(artifact: Artifact) -> str:
-    """What means were made from."""
+    """Compute the fingerprint of means."""
     return embed_means_inputs(artifact.parents[0]) if artifact.parents else ""
 
 
 def of_compose(artifact: Artifact) -> str:
-    """What a plan that was made in the simulation was made from."""
+    """Compute the fingerprint of a plan made in the nominal simulation."""
     results, arrays = COMPOSE.results_of(artifact), artifact.arrays
     if not artifact.parents or results.on:
         return ""
@@ -76,7 +76,7 @@ def of_compose(artifact: Artifact) -> str:
 
 
 def of_transfer_eval(artifact: Artifact, domains: Sequence[str], episodes: int) -> str:
-    """What a transfer to these domains, of the skills' own robot, was made from; they are told by what was drawn of them."""
+    """Compute the fingerprint of a transfer of the skills' own robot; the drawn parameters identify the domains."""
     results, found = TRANSFER_EVAL.results_of(artifact), find_domains(domains)
     named = [domain.name for domain in results.domains] == [domain.name for domain in found]
     if not artifact.parents or not named or results.robot:
@@ -93,7 +93,7 @@ def of_transfer_eval(artifact: Artifact, domains: Sequence[str], episodes: int) 
 
 
 def _begins(stored: Mapping[str, Array], drawn: Mapping[str, Array]) -> bool:
-    """Whether robots are those that are drawn; where all of these are the same, the first ones are enough."""
+    """Return whether the stored robots equal the drawn ones; if all are the same, the first ones suffice."""
     if stored.keys() != drawn.keys():
         return False
     pairs = [(stored[name], values) for name, values in drawn.items()]

@@ -1,4 +1,4 @@
-"""Playing latents through the frozen policy, deterministic and closed loop, and recording what happens."""
+"""Run the frozen policy on latents, deterministic and closed loop, and record trajectories."""
 
 from __future__ import annotations
 
@@ -26,35 +26,35 @@ class RecordedEnvironment(Protocol):
     unstable: Array
 
     def observe(self) -> Array:
-        """Observations (N, o)."""
+        """Return observations (N, o)."""
 
     def step(self, action: Array) -> Any:
-        """One control step: observation, reward, terminated, truncated."""
+        """Apply one control step; returns observation, reward, terminated, truncated."""
 
     def recorded_state(self) -> dict[str, Array]:
-        """What a recording keeps of the present moment."""
+        """Return the fields of the present state that are recorded."""
 
     def achieved_goal(self) -> Array:
-        """Where the judged point of each simulation is, (N, 3) m."""
+        """Return the achieved goal of each simulation, (N, 3) m."""
 
     def violations(self) -> Array:
-        """Which limits of `SAFETY_LIMITS` the present state breaks, (N, K) bool; K is 0 where there are none."""
+        """Return which of `SAFETY_LIMITS` each state violates, (N, K) bool; K is 0 without limits."""
 
 
 def rollout(
     env: RecordedEnvironment, act: Act, latent: Array, skill: Array, steps: Array | None = None
 ) -> tuple[Trajectories, Array]:
-    """Feed each simulation its latents, from where it stands.
+    """Condition the policy on each simulation's latents, from its present state.
 
     Args:
-        env: N simulations, already placed; its targets are the goals that success is judged by.
+        env: N simulations in their start states; success is measured at their desired goals.
         act: the frozen policy.
         latent: (N, T, d).
-        skill: (N, T) the skill whose mean is fed, -1 for other latents.
-        steps: (N,) how many of them are for each simulation, all T by default; its recording rests from there on.
+        skill: (N, T) the skill whose mean the latent is, -1 for other latents.
+        steps: (N,) control steps of each simulation, T by default; afterwards its recording repeats the last state.
 
     Returns:
-        The recording (success: the judged point is within the tolerance at the end, and nothing failed on the way) and
+        The recording (success: the achieved goal is within the tolerance at the end, and nothing failed on the way) and
         the observations (N, T+1, o).
     """
     num_envs, last = skill.shape
@@ -63,17 +63,17 @@ def rollout(
 
 
 def rollout_closed_loop(env: RecordedEnvironment, act: Act, condition: Conditioning, steps: int) -> tuple[Trajectories, Array]:
-    """Like `rollout`, but what is fed next may depend on what has happened.
+    """Do the same as `rollout`, but choose the next latents from what has happened.
 
     Args:
-        env: N simulations, already placed.
+        env: N simulations in their start states.
         act: the frozen policy.
-        feed: before each control step, from its number and which simulations have failed, (N,) bool, to latents (N, d), the
-            skills (N,) whose means they are, and which episodes still run, (N,) bool; None ends all of them.
+        condition: called before each control step with its number and which simulations have failed, (N,) bool. Returns
+            latents (N, d), the skills (N,) whose means they are, and which episodes still run, (N,) bool; None ends all.
         steps: at most.
     """
     num_envs = env.num_envs
-    moments, actions, rewards, fed, violated = [_moment(env)], [], [], [], []
+    moments, actions, rewards, conditioned, violated = [_moment(env)], [], [], [], []
     observations = [env.observe()]
     length, failed, unstable = np.zeros(num_envs, dtype=int), np.zeros(num_envs, dtype=bool), np.zeros(num_envs, dtype=bool)
     for t in range(steps):
@@ -83,7 +83,7 @@ def rollout_closed_loop(env: RecordedEnvironment, act: Act, condition: Condition
         latent, skill, running = given
         running = running & ~failed
         step = env.step(act(observations[-1], latent))
-        fed.append((latent, skill))
+        conditioned.append((latent, skill))
         observations.append(step.observation)
         rewards.append(np.where(running, step.reward, 0.0))
         actions.append(np.where(running[:, None], env.applied, 0.0))
@@ -97,8 +97,8 @@ def rollout_closed_loop(env: RecordedEnvironment, act: Act, condition: Condition
     state = {name: np.stack([moment[name] for moment in moments], axis=1) for name in moments[0]}
     recording = Trajectories(
         time=np.arange(len(moments)) * env.control_period,
-        latent=np.stack([latent for latent, _ in fed], axis=1).astype(np.float32),
-        skill=np.stack([skill for _, skill in fed], axis=1).astype(np.int32),
+        latent=np.stack([latent for latent, _ in conditioned], axis=1).astype(np.float32),
+        skill=np.stack([skill for _, skill in conditioned], axis=1).astype(np.int32),
         action=np.stack(actions, axis=1).astype(np.float32),
         reward=np.stack(rewards, axis=1).astype(np.float32),
         target=env.desired_goal.copy(),
@@ -120,22 +120,22 @@ def _moment(env: RecordedEnvironment) -> dict[str, Array]:
 
 
 def _frozen(moment: dict[str, Array], before: dict[str, Array], over: Array) -> dict[str, Array]:
-    """The present moment, where episodes that are over, or have just failed, keep the state before."""
+    """Return the present state; episodes that are over or have just failed keep the state before."""
     return {name: np.where(over.reshape(-1, *(1,) * (now.ndim - 1)), before[name], now) for name, now in moment.items()}
 
 
 def rollout_waypoints(
     env: RecordedEnvironment, act: Act, latent: Array, skill: Array, waypoints: Sequence[Array], steps: Array | None = None
 ) -> Trajectories:
-    """Like `rollout`, judged by waypoints: all of them approached in order within the tolerance, the last one held.
+    """Do the same as `rollout`; success needs all waypoints met in order within the tolerance, and the end at the last one.
 
     Args:
-        env: N simulations, already placed.
+        env: N simulations in their start states.
         act: the frozen policy.
         latent: (N, T, d).
         skill: (N, T).
-        waypoints: (W, 3) m for each simulation; the last one becomes its target.
-        steps: as for `rollout`.
+        waypoints: (W, 3) m for each simulation; the last one becomes its desired goal.
+        steps: see `rollout`.
     """
     env.desired_goal[:] = [route[-1] for route in waypoints]
     recording, _ = rollout(env, act, latent, skill, steps)
@@ -143,7 +143,7 @@ def rollout_waypoints(
 
 
 def met(recording: Trajectories, waypoints: Sequence[Array], tolerance: float) -> Array:
-    """Which episodes approach their waypoints (W, 3) m in order within the tolerance, (E,) bool."""
+    """Return which episodes meet their waypoints (W, 3) m in order within the tolerance, (E,) bool."""
     return np.array([
         bool((metrics.ordered_approach(path, route, tolerance) <= tolerance).all())
         for path, route in zip(recording.achieved_goal, waypoints, strict=True)

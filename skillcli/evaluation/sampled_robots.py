@@ -1,4 +1,4 @@
-"""The robots that a plan is tried on: the nominal one, several at once, or one drawn from the domain that is planned on."""
+"""The robots on which a plan is tried: the nominal one, an ensemble, or one drawn from a target domain."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from skillcli.trajectories import Array
 
 @dataclass(frozen=True)
 class SampledRobots:
-    """M robots; without parameters the nominal one."""
+    """M robots; without parameters all are nominal."""
 
     parameters: dict[str, Array] = field(default_factory=dict)  # (M,) or (M, n) by name, see `skillcli.config.randomization`
     count: int = 1
-    seed: int = 0  # of their sensors
+    seed: int = 0  # of their sensor noise
 
     @staticmethod
     def of(settings: Compose, on: str, seed: int, joints: int) -> SampledRobots:
-        """What a composition asks for: the target that is planned on, or an ensemble, or neither.
+        """Choose the robots of a composition: one of the target domain `on`, an ensemble, or the nominal robot.
 
         Raises:
             UsageError: the domain is unknown.
@@ -40,13 +40,13 @@ class SampledRobots:
 
     @staticmethod
     def drawn(domain: str, seed: int, joints: int) -> SampledRobots:
-        """One robot out of a domain."""
+        """Draw one robot from a domain."""
         drawn = randomization.sample(find_domain(domain).parameters, 1, generator(seed, f"target {domain}"), joints)
         return SampledRobots(drawn, 1, seed)
 
     @staticmethod
     def ensemble(domain: str, count: int, seed: int, joints: int) -> SampledRobots:
-        """The nominal robot, and others that fill the ranges of a domain evenly."""
+        """Return the nominal robot and others spread evenly over a domain (Latin hypercube)."""
         ranges = find_domain(domain).parameters
         drawn = randomization.latin_hypercube(ranges, count - 1, generator(seed, f"ensemble {domain}"), joints)
         whole = {
@@ -56,7 +56,7 @@ class SampledRobots:
         return SampledRobots(whole, count, seed)
 
     def make_env(self, world: World, slots: int) -> Environment:
-        """Each robot in every slot, at the start; simulation i is robot i modulo M."""
+        """Make each robot in every slot, at the start; simulation i is robot i modulo M."""
         which = np.arange(slots * self.count) % self.count
         parameters = {name: values[which] for name, values in self.parameters.items()}
         return world.make_randomized_env(np.zeros(len(which), dtype=np.int64), parameters, generator(self.seed, "sensors"))

@@ -1,4 +1,4 @@
-"""Episodes on robots that differ: fed with latents, planned again on the way, or sent the source's actions blindly."""
+"""Run episodes on robots that differ: conditioned on latents, with replanning, or with the source's actions sent blindly."""
 
 from __future__ import annotations
 
@@ -18,36 +18,36 @@ from skillcli.simulation.environment import Environment
 from skillcli.tasks.world import MAX_SIMULATIONS, World, randomize_and_reset
 from skillcli.trajectories import Array, Trajectories
 
-OnEpisode = Callable[[int, int], None]  # told of each episode that is planned again: its number, and how many there are
+OnEpisode = Callable[[int, int], None]  # called before each replanned episode with its number and how many there are
 
 
 @dataclass(frozen=True)
 class TargetRobots:
-    """A domain, with what was drawn from it for each episode."""
+    """A domain and the parameters drawn from it for each episode."""
 
     name: str
     parameters: dict[str, Array]  # (E,) or (E, n) by name, see `skillcli.config.randomization`
-    ranges: Mapping[str, Distribution] = field(default_factory=dict)  # that they were drawn from
+    ranges: Mapping[str, Distribution] = field(default_factory=dict)  # distributions of the parameters
     episodes: int = 1  # E
 
     @staticmethod
     def drawn(domain: Domain, episodes: int, seed: int, joints: int) -> TargetRobots:
-        """Hangs on domain and seed only: whatever is judged meets the same robots, and more episodes the same ones first."""
+        """Draw by domain and seed only: every plan meets the same robots, and more episodes begin with the same ones."""
         rngs = [generator(seed, f"domain {domain.name} {episode}") for episode in range(episodes)]
         return TargetRobots(domain.name, sample_each(domain.parameters, rngs, joints), domain.parameters, episodes)
 
     @property
     def repeats(self) -> bool:
-        """Whether all episodes are the same."""
+        """Return whether all episodes are the same."""
         return self.parameters.keys() <= self.ranges.keys() and repeats(self.ranges)
 
     def first(self, episodes: int) -> TargetRobots:
-        """The first of its robots."""
+        """Return the first of the robots."""
         kept = {name: values[:episodes] for name, values in self.parameters.items()}
         return replace(self, parameters=kept, episodes=episodes)
 
     def only(self, names: Iterable[str]) -> TargetRobots:
-        """The same robots, with everything but these parameters nominal."""
+        """Return the same robots with every parameter nominal except these."""
         kept = list(names)
         ranges = {name: self.ranges[name] for name in kept if name in self.ranges}
         return replace(self, parameters={name: self.parameters[name] for name in kept}, ranges=ranges)
@@ -58,13 +58,13 @@ NOMINAL = TargetRobots("nominal", {})
 
 @dataclass(frozen=True)
 class TransferEvaluator:
-    """How episodes are played.
+    """Runs episodes.
 
     Attributes:
         library: the skills.
-        seed: of what goes on by chance in an episode, and of planning.
-        world: the task on the robot that stands there.
-        replanner: plans again on the way; without it the script is fed as it is.
+        seed: of sensor noise, disturbances and planning.
+        world: the task on the robot to evaluate.
+        replanner: plans again during an episode; None executes the schedule open loop.
     """
 
     library: Library
@@ -76,23 +76,23 @@ class TransferEvaluator:
         """Refuse a robot that does not fit the task, before any work.
 
         Raises:
-            UsageError: it does not.
+            UsageError: it does not fit.
         """
         self.world.make_env(1)
 
-    def run(self, script: EpisodeSchedule, target: TargetRobots, on_episode: OnEpisode = lambda *_: None) -> Trajectories:
-        """Play a script on a target, one episode each; `told` hears of every episode that is planned again."""
+    def run(self, schedule: EpisodeSchedule, target: TargetRobots, on_episode: OnEpisode = lambda *_: None) -> Trajectories:
+        """Execute a schedule on a target, one episode each; call `on_episode` before every episode with replanning."""
         if self.replanner is not None:
-            return self._replan(self.replanner, script, target, on_episode)
+            return self._replan(self.replanner, schedule, target, on_episode)
 
         def rollout_part(env: Environment, part: slice) -> Trajectories:
-            act, latent, skill = self.library.agent.act, script.latent[part], script.skill[part]
-            return rollout_waypoints(env, act, latent, skill, script.waypoints[part], script.steps[part])
+            act, latent, skill = self.library.agent.act, schedule.latent[part], schedule.skill[part]
+            return rollout_waypoints(env, act, latent, skill, schedule.waypoints[part], schedule.steps[part])
 
-        return self._side_by_side(script.episodes, target, rollout_part)
+        return self._side_by_side(schedule.episodes, target, rollout_part)
 
     def replay(self, source: Trajectories, target: TargetRobots, episodes: int) -> Array:
-        """How far the judged point ends from where it ended in the source, whose actions are sent in turn, (E,) m."""
+        """Send the source's actions in turn and return the distance between the ends on target and source, (E,) m."""
         turn = np.arange(episodes) % source.episodes
         actions = source.action / self.world.task.action_scale
 
@@ -107,7 +107,7 @@ class TransferEvaluator:
         return error
 
     def _side_by_side(
-        self, episodes: int, target: TargetRobots, play_part: Callable[[Environment, slice], Trajectories]
+        self, episodes: int, target: TargetRobots, rollout_part: Callable[[Environment, slice], Trajectories]
     ) -> Trajectories:
         recordings = []
         for first in range(0, episodes, MAX_SIMULATIONS):
@@ -115,16 +115,16 @@ class TransferEvaluator:
             parameters = {name: values[part] for name, values in target.parameters.items()}
             skill = np.zeros(part.stop - first, dtype=np.int64)
             sensors = [generator(self.seed, f"sensors {target.name} {episode}") for episode in range(first, part.stop)]
-            recordings.append(play_part(self.world.make_randomized_env(skill, parameters, sensors), part))
+            recordings.append(rollout_part(self.world.make_randomized_env(skill, parameters, sensors), part))
         return Trajectories.join(recordings)
 
     def _replan(
-        self, replanner: Replanner, script: EpisodeSchedule, target: TargetRobots, on_episode: OnEpisode
+        self, replanner: Replanner, schedule: EpisodeSchedule, target: TargetRobots, on_episode: OnEpisode
     ) -> Trajectories:
         steps, recordings = replanner.problem.steps(replanner.recipe.transfer.replan_seconds), []
         env = self.world.make_env(1, delay="latency" in target.parameters)
-        for episode, waypoints in enumerate(script.waypoints):
-            on_episode(episode, script.episodes)
+        for episode, waypoints in enumerate(schedule.waypoints):
+            on_episode(episode, schedule.episodes)
             one = {name: values[episode : episode + 1] for name, values in target.parameters.items()}
             randomize_and_reset(env, np.zeros(1, dtype=np.int64), one, generator(self.seed, f"sensors {target.name} {episode}"))
             recordings.append(replanner.episode(env, waypoints, steps * len(waypoints), self.seed))

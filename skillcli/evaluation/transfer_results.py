@@ -1,4 +1,4 @@
-"""What a transfer found out, as figures: pure functions over recordings."""
+"""Compute the results of a transfer: pure functions over recordings."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from skillcli.kinds.outcome import Distances, Outcome
 from skillcli.kinds.transfer_eval import Alone, DomainResults, SourceResults, WorstEpisode
 from skillcli.trajectories import Array, Trajectories
 
-WORST = 5  # episodes that are listed
+WORST = 5  # episodes listed as the worst
 
 
 def summarize_source(reference: Trajectories) -> SourceResults:
-    """The same in the simulation that was planned on."""
+    """Summarize the episodes in the simulation that was planned in."""
     return SourceResults(
         success_rate=float(reference.success.mean()),
         episodes=reference.episodes,
         final_distance_m=float(metrics.final_distance(reference).mean()),
         success_rate_within_limits=float((reference.success & reference.within_limits).mean()),
-        violations=broken(reference),
+        violations=count_violations(reference),
     )
 
 
@@ -33,15 +33,15 @@ def summarize_domain(
     first: int,
     sensitivity: tuple[Alone, ...] | None = None,
 ) -> DomainResults:
-    """One domain against the source.
+    """Summarize one domain and compare it with the source.
 
     Args:
-        target: what was drawn.
-        recording: E episodes there.
-        replay_error: (E,) m, see `Trial.replay`.
-        source_rate: success in the source, known exactly: nothing goes on by chance there.
+        target: the drawn robots.
+        recording: E episodes on them.
+        replay_error: (E,) m, see `TransferEvaluator.replay`.
+        source_rate: success rate in the source, which is exact: nothing is random there.
         first: number of its first episode in the artifact.
-        sensitivity: the same with one parameter alone, where that was asked for.
+        sensitivity: the same with one parameter alone, if asked for.
     """
     found = outcome(recording, target.repeats)
     rate = found.success_rate
@@ -52,7 +52,7 @@ def summarize_domain(
         gap=source_rate - rate,
         gap_ci95=metrics.difference_interval(source_rate, (source_rate, source_rate), rate, found.ci95),
         successes_within_limits=int((recording.success & recording.within_limits).sum()),
-        violations=broken(recording),
+        violations=count_violations(recording),
         replay_error_m=_summary(replay_error[recording.stable]),
         worst=worst(target, recording, first),
         parameters={name: PARAMETERS[name].meaning for name in target.parameters},
@@ -61,9 +61,9 @@ def summarize_domain(
 
 
 def outcome(recording: Trajectories, repeats: bool) -> Outcome:
-    """Success with Wilson's interval, and where the episodes end that did not come apart.
+    """Compute success with Wilson's interval, and the final distances of the stable episodes.
 
-    Where every episode would be the same nothing is left to chance: the rate is known exactly, its interval has no width.
+    If all episodes are the same, nothing is random: the rate is exact and its interval has no width.
     """
     successes, episodes = int(recording.success.sum()), recording.episodes
     rate = successes / episodes
@@ -80,17 +80,17 @@ def outcome(recording: Trajectories, repeats: bool) -> Outcome:
 
 
 def _summary(distance: Array) -> Distances:
-    """Like `metrics.distance_summary`, of nothing where there is none."""
+    """Summarize distances like `metrics.distance_summary`; None without episodes."""
     return Distances(**metrics.distance_summary(distance)) if len(distance) else Distances(mean=None, median=None, p90=None)
 
 
-def broken(recording: Trajectories) -> dict[str, int]:
-    """Episodes that break each limit; empty where the task has none."""
-    return {limit: int((steps > 0).sum()) for limit, steps in recording.beyond_limits.items()}
+def count_violations(recording: Trajectories) -> dict[str, int]:
+    """Count the episodes that violate each limit; empty if the task has none."""
+    return {limit: int((steps > 0).sum()) for limit, steps in recording.violation_steps.items()}
 
 
 def worst(target: TargetRobots, recording: Trajectories, first: int) -> tuple[WorstEpisode, ...]:
-    """Episodes that came apart, then those that end farthest from their target, with the single numbers drawn for them."""
+    """List unstable episodes, then those that end farthest from their target, with the scalar parameters drawn for them."""
     distance = metrics.final_distance(recording)
     single = {name: values for name, values in target.parameters.items() if values.ndim == 1}
     return tuple(
@@ -105,7 +105,7 @@ def worst(target: TargetRobots, recording: Trajectories, first: int) -> tuple[Wo
 
 
 def one_at_a_time(target: TargetRobots) -> dict[str, TargetRobots]:
-    """The same robots with one parameter alone, and what says how it acts; by its name."""
+    """Split the robots into one set per parameter, with every other parameter nominal; by name."""
     found = {}
     for name in target.parameters:
         if name not in MANNERS:
@@ -114,7 +114,7 @@ def one_at_a_time(target: TargetRobots) -> dict[str, TargetRobots]:
 
 
 def most_harmful_first(alone: dict[str, tuple[TargetRobots, Trajectories]]) -> tuple[Alone, ...]:
-    """Outcomes with one parameter alone, by its name: lowest success first, then the larger median distance."""
+    """Sort the results with one parameter alone: lowest success first, then larger median distance."""
     rows = [Alone(**vars(outcome(recording, target.repeats)), parameter=name) for name, (target, recording) in alone.items()]
     return tuple(sorted(rows, key=lambda row: (row.success_rate, -_far(row.final_distance_m.median))))
 

@@ -39,7 +39,7 @@ class Waypoint(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BrokenLimit(Record):
+class Violation(Record):
     """A safety limit that one route breaks: for how long, and where first."""
 
     route: int
@@ -102,7 +102,7 @@ class ComposeResults(Record):
     final_distances_m: tuple[float, ...]  # of each route
     waypoints_met: bool | None = unsaid(None)  # whatever the limits; None: nobody asked
     violations: Mapping[str, int] = unsaid({})  # control steps beyond each limit that is broken; none were known
-    broken: tuple[BrokenLimit, ...] = unsaid(())
+    broken: tuple[Violation, ...] = unsaid(())
     on: str = unsaid("")  # the domain that was planned on, "" for the simulation
     robots: int = unsaid(1)  # that every latent was tried on
     calibration: CalibrationResults | None = unsaid(None)  # of interpolations

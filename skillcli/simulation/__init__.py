@@ -1,1 +1,1 @@
-"""The batch engine with sensors, disturbances, domains and safety limits: robot and task as a vector environment."""
+"""The batched simulation: robot and task as a vector environment, with sensors, disturbances, domains and safety limits."""

@@ -1,4 +1,4 @@
-"""What every task of an arm shares: N arms with a start, a clock, sensors and a robot of their own."""
+"""The base class of all arm tasks: N arms with a start, a clock, sensors, and parameters of their own."""
 
 from __future__ import annotations
 
@@ -19,31 +19,31 @@ from skillcli.simulation.safety import RANGE_TOLERANCE, STIFF_TABLE_TOLERANCE, C
 from skillcli.simulation.sensors import Sensors
 from skillcli.simulation.settings import ArmTask
 
-REMEMBERED = 3  # control steps of which commands are kept for a look: as far back as an actuator may be delayed
+REMEMBERED = 3  # control steps of commands to keep for state estimation: the longest delay of an actuator
 
 
 class ArmEnvironment:
-    """N arms; a task says what is seen beside the joints, what is judged, what earns reward and what has failed.
+    """N arms. A task defines further observations, the achieved goal, the reward and failure.
 
-    Observation: J joint angles, rad, and one position, m; then what else a task of its own shows; and, where the task says so,
-    how far the commanded joint target leads the measured joints, rad, which tells commands that are delayed or not yet obeyed.
+    Observation: J joint angles, rad, and one position, m; then further terms of the task; then, if the task asks for it, the
+    difference between commanded and measured joint angles, rad, which shows commands that are delayed or not yet followed.
     Action (J): joint increments in units of the action limit.
 
     Args:
         task: start, clock and limits.
-        robot: whose arm stands in the scene.
+        robot: the arm to simulate.
         goals: (K, 3) m.
         num_envs: simulations.
         threads: of the engine, 0 for all cores; results do not depend on it.
         delay: whether a domain may delay the actuators.
     """
 
-    failure_reward = 0.0  # of the step that fails
+    failure_reward = 0.0  # reward of the step that fails
     table_tolerance = STIFF_TABLE_TOLERANCE
-    position_term = ObservationTerm("gripper_position", "m", 3)  # what stands beside the joints
-    shown_terms: ClassVar[tuple[ObservationTerm, ...]] = ()  # what else a task shows
-    privileged_terms: ClassVar[tuple[ObservationTerm, ...]] = ()  # what only a value function sees
-    recorded: ClassVar[Mapping[str, int]] = {"gripper_position": 3}  # fields of a recording beside the joints, and their sizes
+    position_term = ObservationTerm("gripper_position", "m", 3)  # the position observed after the joints
+    shown_terms: ClassVar[tuple[ObservationTerm, ...]] = ()  # further observations of a task
+    privileged_terms: ClassVar[tuple[ObservationTerm, ...]] = ()  # observations of the value function only
+    recorded: ClassVar[Mapping[str, int]] = {"gripper_position": 3}  # recorded fields and their sizes, besides the joints
 
     def __init__(self, task: ArmTask, robot: Robot, goals: Array, num_envs: int, threads: int = 0, delay: bool = False) -> None:
         self.num_envs, self.horizon, self.tolerance, self.robot = num_envs, task.horizon, task.tolerance, robot
@@ -66,37 +66,37 @@ class ArmEnvironment:
         self._elapsed = np.zeros(num_envs, dtype=np.int64)
         self._past: deque[tuple[Array, Array]] = deque(maxlen=REMEMBERED)  # measured joints and commanded targets, rad
         self._joint_offset: Array | None = None  # rad
-        self._sensors: Sensors | None = None  # None: everything is measured as it is
+        self._sensors: Sensors | None = None  # None: perfect sensors
         self._disturbance: Disturbance | None = None
-        self._clearance: Clearance | None = None  # made when it is first asked for
+        self._clearance: Clearance | None = None  # made when first needed
         self.set_up(task)
         self.reset(np.arange(num_envs), np.zeros(num_envs, dtype=np.int64))
 
     @classmethod
     def scene(cls, task: ArmTask, robot: Robot, delay: bool = False) -> mujoco.MjSpec:
-        """The arm behind its table, and what a task adds."""
+        """Build the scene: the arm behind its table, and what a task adds."""
         return robot.arm_spec(start_of(task, robot), task.timestep, task.control_period, delay)
 
     def set_up(self, task: ArmTask) -> None:
-        """Set what a task of its own keeps, before the first reset."""
+        """Set up a task's own state before the first reset."""
 
     @classmethod
     def shows(cls, task: ArmTask) -> tuple[ObservationTerm, ...]:
-        """What `shown` holds."""
+        """Return the terms of `shown`."""
         return cls.shown_terms
 
     @classmethod
     def observation_terms(cls, task: ArmTask, joints: int) -> tuple[ObservationTerm, ...]:
-        """What the policy sees, in order."""
+        """Return the terms of the observation in order."""
         seen = (ObservationTerm("joint_position", "rad", joints), cls.position_term, *cls.shows(task))
         return (*seen, ObservationTerm("command_lead", "rad", joints)) if task.observe_command else seen
 
     def position(self) -> Array:
-        """What is observed beside the joints, (N, 3) m."""
+        """Return the position observed after the joints, (N, 3) m."""
         raise NotImplementedError
 
     def shown(self) -> Array:
-        """What else is observed, from what was measured last; (N, `shown_size`)."""
+        """Return the task's further observations from the last measurement, (N, `shown_size`)."""
         raise NotImplementedError
 
     def achieved_goal(self) -> Array:
@@ -108,7 +108,7 @@ class ArmEnvironment:
         return self.achieved_goal()[:, None]
 
     def reward_terms(self) -> RewardTerms:
-        """What the present state earns and costs, by name, weighted, (N,) each."""
+        """Return the weighted rewards and costs of the present state by name, (N,) each."""
         raise NotImplementedError
 
     @property
@@ -117,15 +117,15 @@ class ArmEnvironment:
         return tuple(signed(self.reward_terms()))
 
     def reward(self) -> Array:
-        """The task's reward for the present state, (N,)."""
+        """Return the reward of the present state, (N,)."""
         return total_reward(self.reward_terms())
 
     def failed(self) -> Array:
-        """Which simulations have failed for good, (N,) bool."""
+        """Return which simulations have failed, (N,) bool."""
         return self.arms.unstable()
 
     def place_object(self, ids: Array) -> Array | None:
-        """Poses (n, 7) that the objects of these simulations start at, None without objects."""
+        """Return start poses (n, 7) of the objects of these simulations, None without objects."""
         return None
 
     def privileged(self) -> Array:
@@ -157,9 +157,9 @@ class ArmEnvironment:
             self._sensors.reset(ids, self._true()[ids])
 
     def _true(self) -> Array:
-        """What perfect sensors would report, (N, J+3); the arm computes its gripper position from its joint angles.
+        """Return what perfect sensors would measure, (N, J+3); an arm computes its gripper position from its joint angles.
 
-        A task may add columns that its look needs as late as these.
+        A task may add columns that must be as late as these.
         """
         position = self.position()
         if self._joint_offset is not None:
@@ -190,8 +190,8 @@ class ArmEnvironment:
         start = np.broadcast_to(parameters.get("start_offset", 0.0), (self.num_envs, self.action_size))
         offset = parameters.get("joint_offset")
         self._joint_offset = offset if offset is not None and offset.any() else None
-        # The arm goes where its encoders say the start is. From there on an offset that commands share with angles has no
-        # effect on increments: the servo closes its loop on the same encoder.
+        # The arm starts where its encoders show the start. Later an offset of the encoders has no effect on increments: the
+        # servo closes its loop on the same encoder.
         self._start_offset = start if self._joint_offset is None else start - self._joint_offset
         self._sensors = self._disturbance = None
         if disturbance.needed(parameters):
@@ -208,7 +208,7 @@ class ArmEnvironment:
         self._past.append((self._measured[:, : self.action_size], before))
         self._elapsed += 1
         self.unstable, failed = self.arms.unstable(), self.failed()
-        if failed.any():  # a failed episode ends in a clear state, at the start, and never in NaN
+        if failed.any():  # a failed episode returns to the start, so that no state is ever NaN
             self._place(np.flatnonzero(failed))
         if self._sensors is not None:
             self._sensors.advance(self._true())
@@ -223,8 +223,8 @@ class ArmEnvironment:
         self.arms.active = ids
 
     def estimate_state(self) -> StateEstimate:
-        """See `Environment`: joints and their velocities, the targets commanded of late, and the pose of the object."""
-        steps = min(2, len(self._past))  # over one step the noise of the sensors would drown the velocity
+        """See `Environment`: joint angles and velocities, the last commands, and the pose of the object."""
+        steps = min(2, len(self._past))  # over one step the noise would dominate the velocity
         velocity = np.zeros((self.num_envs, self.action_size))
         if steps:
             velocity[:] = (self._measured[:, : self.action_size] - self._past[-steps][0]) / (steps * self.control_period)
@@ -237,19 +237,19 @@ class ArmEnvironment:
         return StateEstimate(state, self.estimate_achieved_goal(object_pose), self.estimate_tilt(object_pose))
 
     def object_seen(self) -> Array | None:
-        """Pose of the object as a camera shows it, (N, J), None without one."""
+        """Return the pose of the object as a camera measures it, (N, J), None without one."""
         return None
 
     def estimate_achieved_goal(self, object_pose: Array | None) -> Array:
-        """Where the judged point seems to be, (N, 3) m."""
+        """Return the estimated achieved goal, (N, 3) m."""
         return self._measured[:, self.action_size :].astype(float)
 
     def estimate_tilt(self, object_pose: Array | None) -> Array:
-        """How the object seems to lean, (N, 2), see `StateEstimate`."""
+        """Return the estimated tilt of the object, (N, 2), see `StateEstimate`."""
         return np.zeros((self.num_envs, 2))
 
     def room(self) -> Array:
-        """From the middles of the fingers to the objects, (N,) m; infinite without one."""
+        """Return the clearance between the middle of the finger and the object, (N,) m; infinite without one."""
         return np.full(self.num_envs, np.inf)
 
     def set_estimated_state(self, ids: Array, state: Array, sag: Array | None = None) -> None:
@@ -261,7 +261,7 @@ class ArmEnvironment:
         self.arms.set_state(ids, joints, velocity, commands, pose if pose.shape[1] else None, sag)
 
     def _commanded(self) -> Array:
-        """Commanded targets as the controller shows them, (N, J) rad: they share the offset of the encoders."""
+        """Return the commands as the controller reads them, (N, J) rad: with the offset of the encoders."""
         if self._joint_offset is None:
             return self.arms.commanded.copy()
         shown: Array = self.arms.commanded + self._joint_offset
@@ -270,11 +270,11 @@ class ArmEnvironment:
     def _move(self, increment: Array) -> Array:
         if self._disturbance is None:
             return self.arms.step(increment)
-        lateness, forces = self._disturbance.lateness(), self._disturbance.forces()
+        latency, forces = self._disturbance.latency(), self._disturbance.forces()
         if forces is None:
-            return self.arms.step(increment, lateness)
+            return self.arms.step(increment, latency)
         self.arms.apply_external_force(*forces)
-        applied = self.arms.step(increment, lateness)
+        applied = self.arms.step(increment, latency)
         self.arms.release()
         return applied
 
@@ -306,5 +306,5 @@ class ArmEnvironment:
 
 
 def start_of(task: ArmTask, robot: Robot) -> tuple[float, ...]:
-    """Joint vector at reset, (J,) rad: what the task says, else what the robot's file says for it."""
+    """Return the joint angles at reset, (J,) rad: from the task, else from the robot's file for this task."""
     return task.start or robot.start(task.name)

@@ -1,4 +1,4 @@
-"""N arms side by side on `mujoco.batch`, in closed loop: the one engine of training, planning and transfer."""
+"""N arms on `mujoco.batch`, in closed loop: the one engine of training, planning and transfer."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from skillcli.robots.scene import GRIPPER, LIMIT_MARGIN, Names
 from skillcli.simulation import table
 
 Array = NDArray[Any]
-# Positions and velocities at the new state; a persistent batch goes on from there, so they cost nothing extra.
+# Compute positions and velocities at the new state; a persistent batch continues from there, so they cost nothing extra.
 _NEW_STATE = int(mujoco.mjtStage.mjSTAGE_VEL)
 
 OBJECT = "box"
-CONTACT_FORCE = "contact_force"  # the sensor of what touches the arm, in scenes that have one
+CONTACT_FORCE = "contact_force"  # sensor of the force on whatever touches the arm, in scenes that have one
 
-LEVER_DAMPING = 0.03  # m/rad: levers that are shorter count less and less
+LEVER_DAMPING = 0.03  # m/rad: damps joints with a shorter lever
 
-# A simulation beyond these is unstable: whole turns of a joint or hundreds of metres, and speeds of another world.
+# A state beyond these is unstable: joints many turns off, objects hundreds of metres away, or extreme speeds.
 _FARTHEST, _FASTEST = 100.0, 1000.0
 
 
 class ArmBatch:
-    """N simulations of one model whose arm is driven by increments of a commanded joint target.
+    """N simulations of one model. Increments of a commanded joint angle drive the arm.
 
-    The target, not the measured position, is integrated: with the wrist's 9 N·m, `measured + 0.04` stalls at 0.018 rad.
-    It lives in the simulation's control vector, so a saved row is the whole state.
+    Increments add to the command, not to the measured position: with the wrist's 9 N·m, `measured + 0.04` stalls at 0.018 rad.
+    The command is part of the simulation's control vector, so a saved state is complete.
 
     Args:
         model: has n joints with one position servo each, whose controls follow each other in that order, the site
@@ -39,7 +39,7 @@ class ArmBatch:
         num_envs: simulations.
         substeps: physics steps per control step.
         action_limit: largest joint increment per control step, rad.
-        names: what the model calls its joints, servos and finger.
+        names: the model's names of joints, servos and finger.
         threads: of the engine; results do not depend on it. 0 takes all cores.
     """
 
@@ -63,7 +63,7 @@ class ArmBatch:
         self._stiffness = -model.actuator_biasprm[servos, 1]  # N·m/rad
         limited = model.actuator_forcelimited[servos].astype(bool)
         strength = np.where(limited, model.actuator_forcerange[servos, 1], np.inf)  # N·m
-        self.largest_sag = strength / self._stiffness  # (J,) rad: what no servo can hold against would drive a joint away
+        self.largest_sag = strength / self._stiffness  # (J,) rad: a torque beyond the servo's would drive the joint away
         joints = [model.joint(name) for name in names.joints]
         self._qpos_address = np.array([joint.qposadr[0] for joint in joints])
         self._dof_address = np.array([joint.dofadr[0] for joint in joints])
@@ -72,7 +72,7 @@ class ArmBatch:
         first = model.actuator_ctrladr[servos[0]]
         own = slice(first, first + len(servos))
         told = np.where(model.actuator_ctrllimited[own, None], model.actuator_ctrlrange[own], (-np.inf, np.inf))
-        # no target that the joint cannot get to, or that its servo does not take
+        # keep commands within reach of the joint and within the range of its servo
         self._low = np.maximum(limits[:, 0] + LIMIT_MARGIN, told[:, 0])
         self._high = np.minimum(limits[:, 1] - LIMIT_MARGIN, told[:, 1])
         self._qpos, self._ctrl = self.batch.bind("qpos"), self.batch.bind("ctrl")[:, first : first + len(servos)]
@@ -87,67 +87,67 @@ class ArmBatch:
             self._contact_force = slice(first, first + 3)
         self._qvel = self.batch.bind("qvel")
         self._default_row = self.batch.state[0].copy()
-        self.active: Array | None = None  # ids of the simulations that move; None for all, the others cost nothing
+        self.active: Array | None = None  # ids of the simulations to step; None for all
         self._perturbed: set[str] = set()  # model fields that differ between simulations
-        self._memory = ActuatorHistory(self.batch, servos, substeps)
+        self._history = ActuatorHistory(self.batch, servos, substeps)
 
     @property
     def joint_position(self) -> Array:
-        """True joint angles, (N, J) rad."""
+        """Return true joint angles, (N, J) rad."""
         arm: Array = self._qpos[:, self._qpos_address]
         return arm
 
     @property
     def commanded(self) -> Array:
-        """Commanded joint targets, delayed ones too, (N, J) rad; a live view."""
+        """Return commanded joint angles, including delayed ones, (N, J) rad; a live view."""
         target: Array = self._ctrl
         return target
 
     @property
     def joint_velocity(self) -> Array:
-        """True joint speeds, (N, J) rad/s."""
+        """Return true joint speeds, (N, J) rad/s."""
         speed: Array = self._qvel[:, self._dof_address]
         return speed
 
     def past_range(self) -> Array:
-        """How far each joint is past the end of its range, (N, J) rad; negative inside."""
+        """Return how far each joint is beyond its range, (N, J) rad; negative inside."""
         low, high = self._range.T
         arm = self.joint_position
         past: Array = np.maximum(low - arm, arm - high)
         return past
 
     def geom_frames(self) -> tuple[Array, Array]:
-        """Positions (N, G, 3) m and rotation matrices (N, G, 9) of all geoms; live views."""
+        """Return positions (N, G, 3) m and rotation matrices (N, G, 9) of all geoms; live views."""
         return self.batch.bind("geom_xpos"), self.batch.bind("geom_xmat")
 
     @property
     def gripper_position(self) -> Array:
-        """The judged site in the base frame, (N, 3) m; a live view."""
+        """Return the gripper site in the base frame, (N, 3) m; a live view."""
         site: Array = self._site
         return site
 
     @property
     def object_pose(self) -> Array:
-        """Pose of the object in the base frame, (N, 7) m and w x y z; a live view."""
+        """Return the pose of the object in the base frame, (N, 7) m and w x y z; a live view."""
         pose: Array = self._qpos[:, self._object_qpos]
         return pose
 
     @property
     def object_velocity(self) -> Array:
-        """Velocity of the object, linear in the base frame and angular in its own, (N, 6) m/s and rad/s; a live view."""
+        """Return the object's velocity, linear in the base frame and angular in its own, (N, 6) m/s and rad/s; a live view."""
         velocity: Array = self._qvel[:, self._object_qvel]
         return velocity
 
     @property
     def contact_force(self) -> Array:
-        """Net force of the arm on all that it touches, in the last physics step, (N, 3) N; a live view."""
+        """Return the net force of the arm on everything it touches, in the last physics step, (N, 3) N; a live view."""
         force: Array = self.batch.bind("sensordata")[:, self._contact_force]
         return force
 
     def reset_to(self, ids: Array, joint_position: Array, object_pose: Array | None = None) -> None:
-        """Put arms at rest at joint positions (n, J) rad, clipped to the joint range, their servos holding them there.
+        """Put arms at rest at joint angles (n, J) rad, clipped to the joint range, with servos holding them there.
 
-        The object, where there is one, is put at poses (n, 7) m and w x y z, at rest.
+        An object is put at rest at poses (n, 7) m and w x y z.
         """
         q = np.clip(joint_position, self._low, self._high)
         self.set_state(ids, q, np.zeros_like(q), q[:, None], object_pose)
@@ -161,17 +161,17 @@ class ArmBatch:
         object_pose: Array | None = None,
         sag: Array | None = None,
     ) -> None:
-        """Put arms into a state of motion; the object, where there is one, rests.
+        """Put arms into a state of motion; an object is at rest.
 
         Args:
             ids: (n,) simulations.
             joint_position: (n, J) rad.
             joint_velocity: (n, J) rad/s.
-            commands: (n, c, J) rad, the commanded targets of the last control steps, the present one last; before them, the
-                first of them held.
+            commands: (n, c, J) rad, commanded angles of the last control steps, the present one last; before them the first
+                one was held.
             object_pose: (n, 7) m and w x y z.
-            sag: (n, J) rad, how far from their targets the joints come to rest: from now on a torque pulls them there. Part of
-                the state; `largest_sag` at most.
+            sag: (n, J) rad, resting offset of the joints from their commands: from now on a torque pulls them there. It is part
+                of the state; at most `largest_sag`.
         """
         self.batch.state[ids] = self._default_row
         self._qpos[np.ix_(ids, self._qpos_address)] = joint_position
@@ -181,15 +181,15 @@ class ArmBatch:
         if sag is not None:
             self.batch.bind("qfrc_applied")[np.ix_(ids, self._dof_address)] = self._stiffness * sag
         self._ctrl[ids] = commands[:, -1]
-        self._memory.fill(ids, commands)  # else the servos would first obey a memory of zeros
+        self._history.fill(ids, commands)  # else the servos would first follow a history of zeros
         self.batch.forward(np.sort(ids), stage=_NEW_STATE)
 
-    def step(self, increment: Array, lateness: Array | None = None) -> Array:
-        """Add increments (N, J) rad to the commanded targets and advance by one control step.
+    def step(self, increment: Array, latency: Array | None = None) -> Array:
+        """Add increments (N, J) rad to the commands and advance by one control step.
 
         Args:
-            increment: of each joint's target.
-            lateness: (N,) physics steps, of this control step, in which the targets before still hold.
+            increment: of each joint's command.
+            latency: (N,) physics steps of this control step during which the previous commands still hold.
 
         Returns:
             (N, J) rad: how far the commanded targets moved, after clipping to the action limit, to what the arm may be led by,
@@ -201,32 +201,31 @@ class ArmBatch:
         target = np.clip(target, self._low, self._high)
         moved: Array = np.where(target == wanted, increment, target - self._ctrl)
         done = 0
-        for late in np.unique(lateness) if lateness is not None else (0,):
+        for late in np.unique(latency) if latency is not None else (0,):
             if late > done:
                 self.batch.step(self.active, nstep=int(late - done), stage=_NEW_STATE)
                 done = late
-            due = slice(None) if lateness is None else lateness == late
+            due = slice(None) if latency is None else latency == late
             self._ctrl[due] = target[due]
         if done < self.substeps:
             self.batch.step(self.active, nstep=int(self.substeps - done), stage=_NEW_STATE)
         return moved
 
     def save(self, ids: Array) -> Array:
-        """Whole simulator states, (n, S); valid for the same model and MuJoCo version only."""
+        """Return whole simulator states, (n, S); valid for the same model and MuJoCo version only."""
         sim_states: Array = self.batch.state[ids]
         return sim_states
 
     def restore(self, ids: Array, sim_states: Array) -> None:
-        """Put saved states into these slots."""
+        """Put saved states into these simulations."""
         self.batch.state[ids] = sim_states
         self.batch.forward(np.sort(ids), stage=_NEW_STATE)
 
     def randomize(self, parameters: Mapping[str, Array]) -> None:
-        """Make each simulation a robot of its own, whatever it was; see `skillcli.config.randomization.PARAMETERS`.
+        """Give each simulation parameters of its own; see `skillcli.config.randomization.PARAMETERS`.
 
         Args:
-            parameters: (N,) or (N, n) by name; what is absent stays as in the model. Start and sensors are not the
-                engine's business.
+            parameters: (N,) or (N, n) by name; absent ones are as in the model. Start and sensors are not handled here.
         """
         batch, model = self.batch, self.model
         dofs = np.array([model.joint(name).dofadr[0] for name in self.names.joints])
@@ -239,17 +238,17 @@ class ArmBatch:
         objects = np.array([model.body(OBJECT).id] if self._has_object else [], dtype=int)
         boxes = np.array([model.geom(OBJECT).id] if self._has_object else [], dtype=int)
         changed: dict[str, list[tuple[str, tuple[Any, ...], int]]] = {
-            # parameter: model field, where in it, and to which power it multiplies; 0: it is added
+            # parameter: model field, index in it, and the power to which it multiplies; 0: it is added
             "link_mass": [("body_mass", (links,), 1), ("body_inertia", (links,), 1)],
             "link_inertia": [("body_inertia", (links,), 1)],
             "armature": [("dof_armature", (dofs,), 1)],
             "gravity_compensation": [("body_gravcomp", (slice(None),), 1)],
             "object_mass": [("body_mass", (objects,), 1), ("body_inertia", (objects,), 1)],
-            # bounding volumes follow from the size in set_const
+            # set_const computes bounding volumes from the size
             "object_size": [("geom_size", (boxes,), 1), ("body_inertia", (objects,), 2)],
             "joint_damping": [("dof_damping", (dofs,), 1)],
             "joint_friction": [("dof_frictionloss", (dofs,), 1)],
-            # kp stands in gain and bias, kv in the bias: kv is scaled too, since dampratio is fixed at compile time
+            # kp is in gain and bias, kv in the bias: kv must scale too, since dampratio is fixed at compile time
             "gain": [("actuator_gainprm", (servos,), 1), ("actuator_biasprm", (servos,), 1)],
             "contact_friction": [("geom_friction", (touching, slice(0, 1)), 1)],
             "table_height": [("geom_pos", (top, slice(2, 3)), 0)],
@@ -278,48 +277,48 @@ class ArmBatch:
         live["geom_quat"][:, top] = table.quaternion(tilt)
 
     def apply_external_force(self, arm: Array, box: Array) -> None:
-        """Let forces (N, 3) N act on the last link and on the box, where there is one, until `release`."""
+        """Apply forces (N, 3) N to the last link and to the box, if there is one, until `release`."""
         forces = self.batch.bind("xfrc_applied")
         forces[:, self.model.site("gripper").bodyid[0], :3] = arm
         if self._has_object:
             forces[:, self.model.body(OBJECT).id, :3] = box
 
     def release(self) -> None:
-        """End what `apply_external_force` began."""
+        """Remove the forces of `apply_external_force`."""
         self.batch.bind("xfrc_applied")[:] = 0.0
 
     def reported_shift(self, offset: Array) -> Array:
-        """How far the gripper position computed from joint angles is off that are off by (N, J) rad, (N, 3) m; first order."""
+        """Return the error of the gripper position computed from joint angles with errors (N, J) rad, (N, 3) m; first order."""
         shift: Array = np.einsum("nj,njk->nk", offset, self._lever())
         return shift
 
     def turns_towards(self, shift: Array) -> Array:
-        """The smallest turns of the joints, (N, J) rad, that move the grippers by (N, 3) m; first order, damped."""
+        """Return the smallest turns of the joints, (N, J) rad, that move the grippers by (N, 3) m; first order, damped."""
         lever = self._lever()
         across = lever.transpose(0, 2, 1) @ lever + LEVER_DAMPING**2 * np.eye(3)
         turn: Array = (lever @ np.linalg.solve(across, shift[:, :, None]))[:, :, 0]
         return turn
 
     def _lever(self) -> Array:
-        """How the grippers move as each joint turns, (N, J, 3) m/rad."""
+        """Return the Jacobian of the gripper position, (N, J, 3) m/rad."""
         joints = [self.model.joint(name).id for name in self.names.joints]
         axis, anchor = self.batch.bind("xaxis")[:, joints], self.batch.bind("xanchor")[:, joints]
         lever: Array = np.cross(axis, self._site[:, None] - anchor)
         return lever
 
     def unstable(self) -> Array:
-        """(N,) bool: whose state is no longer finite, or no longer of this world."""
+        """Return which simulations have a state that is not finite or far out of range, (N,) bool."""
         far, fast = np.abs(self._qpos).max(axis=1), np.abs(self._qvel).max(axis=1)
         broken: Array = ~((far < _FARTHEST) & (fast < _FASTEST))
         return broken
 
 
 class ActuatorHistory:
-    """What servos remember of their commands: those that are delayed, and the state of those that filter them."""
+    """The commands that servos keep: delayed ones, and the state of servos that filter them."""
 
     def __init__(self, batch: Batch, servos: list[int], substeps: int) -> None:
         model, self._substeps = batch.model, substeps
-        self._history, self._act = batch.bind("history"), batch.bind("act")  # (N, 0) where nothing is remembered
+        self._buffer, self._act = batch.bind("history"), batch.bind("act")  # (N, 0) if the model keeps none
         # per actuator: two counters, n times, n values
         self._values = [
             (joint, model.actuator_historyadr[servo] + 2 + samples + np.arange(samples))
@@ -329,15 +328,15 @@ class ActuatorHistory:
         self._filters = [(joint, adr) for joint, servo in enumerate(servos) if (adr := model.actuator_actadr[servo]) >= 0]
 
     def fill(self, ids: Array, commands: Array) -> None:
-        """Let the servos of these simulations remember the targets of the last control steps, and nothing older.
+        """Set the history of these simulations to the commands of the last control steps.
 
         Args:
             ids: (n,) simulations.
-            commands: (n, c, J) rad, the present target last; before the first, the first was held.
+            commands: (n, c, J) rad, the present command last; before the first, the first was held.
         """
         last = commands.shape[1] - 1
         for joint, values in self._values:
             steps_ago = np.arange(len(values) - 1, -1, -1) // self._substeps
-            self._history[np.ix_(ids, values)] = commands[:, np.maximum(last - steps_ago, 0), joint]
+            self._buffer[np.ix_(ids, values)] = commands[:, np.maximum(last - steps_ago, 0), joint]
         for joint, address in self._filters:
             self._act[ids, address] = commands[:, -1, joint]

@@ -1,4 +1,4 @@
-"""What goes on by chance in simulations that run side by side."""
+"""Random numbers for simulations that run in one batch."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import numpy as np
 from skillcli.trajectories import Array
 
 Rng = np.random.Generator | Sequence[np.random.Generator]
-USES = ("drift", "noise", "angle", "lateness", "knocks")
+USES = ("drift", "noise", "angle", "latency", "forces")
 
 
 class Chance:
-    """Draws for N simulations from one generator, or from one of each.
+    """Random numbers of N simulations, from one generator or from one each.
 
-    With one of each, what happens in an episode hangs neither on how many are played beside it nor on what differs there:
-    every use of chance has a stream of its own in it.
+    With one each, an episode depends neither on the number of episodes in the batch nor on their parameters: every use of
+    random numbers has its own stream.
 
     Args:
-        rng: one generator, which is quick, or N.
+        rng: one generator, which is fast, or N.
     """
 
     def __init__(self, rng: Rng) -> None:
@@ -28,15 +28,15 @@ class Chance:
         self._own = {use: [streams[index] for streams in own] for index, use in enumerate(USES)}
 
     def normal(self, use: str, shape: tuple[int, ...], of: Array, axis: int = 0) -> Array:
-        """Standard normal numbers of this shape, along whose `axis` lie the simulations `of` (n,)."""
+        """Draw standard normal numbers of this shape; along `axis` are the simulations `of` (n,)."""
         return self._draw(use, shape, of, axis, lambda rng, part: rng.standard_normal(part))
 
     def uniform(self, use: str, shape: tuple[int, ...], of: Array, axis: int = 0) -> Array:
-        """Like `normal`, uniform in [0, 1)."""
+        """Draw like `normal`, but uniformly from [0, 1)."""
         return self._draw(use, shape, of, axis, lambda rng, part: rng.random(part))
 
     def integers(self, use: str, high: Array) -> Array:
-        """A whole number from 0 up to below `high` (N,) for each simulation, (N,)."""
+        """Draw an integer from 0 up to below `high` (N,) for each simulation, (N,)."""
         if self._all is not None:
             drawn: Array = self._all.integers(high)
             return drawn

@@ -1,6 +1,6 @@
-"""Target domains: robots that differ from the simulation, as ranges of parameters drawn anew for every episode.
+"""Target domains: robots that differ from the simulation, as distributions of parameters drawn for every episode.
 
-A domain is a TOML file, shipped (`presets/`) or anybody's own; docs/domains.md says how to write one.
+A domain is a TOML file, bundled (`presets/`) or the user's; docs/domains.md says how to write one.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _HELP = "docs/domains.md says how to write one; `skill domains real-like` shows 
 
 @dataclass(frozen=True)
 class Domain:
-    """A named target: what differs from the source, by how much, and why."""
+    """A named target: which parameters differ from the source, by how much, and why."""
 
     name: str
     description: str
@@ -44,7 +44,7 @@ def _fit_for_a_path(name: str) -> str:
 
 
 class _File(Section):
-    """A domain as it is written. A name is also part of a path in the store, hence its letters."""
+    """A domain as it is written. Its name is part of a path in the store, hence the allowed characters."""
 
     name: Annotated[str, AfterValidator(_fit_for_a_path)]
     description: Annotated[str, Field(max_length=500)] = ""
@@ -53,10 +53,10 @@ class _File(Section):
 
 
 def find_domain(text: str) -> Domain:
-    """A preset by its name, or the domain of a TOML file by its path: what ends in .toml or has a slash in it is a path.
+    """Find a preset by name, or read a TOML file: a text that ends in .toml or contains a slash is a path.
 
     Raises:
-        UsageError: there is none, or its file is not one of a domain.
+        UsageError: there is none, or the file is not a domain.
     """
     if text.endswith(".toml") or "/" in text or "\\" in text:
         domain = _load(Path(text).expanduser())
@@ -70,10 +70,10 @@ def find_domain(text: str) -> Domain:
 
 
 def find_domains(texts: Iterable[str]) -> list[Domain]:
-    """Several domains; results are kept by their names, so no two may share one.
+    """Find several domains; results are stored by name, so names must differ.
 
     Raises:
-        UsageError: one is unknown or no domain, or two have the same name.
+        UsageError: one is unknown or invalid, or two have the same name.
     """
     found: dict[str, tuple[str, Domain]] = {}
     for text in texts:
@@ -118,7 +118,7 @@ def _content(path: Path) -> dict[str, Any]:
 
 
 def _explained(path: Path, error: ValidationError) -> tuple[str, str]:
-    """One line and a hint, for the first complaint."""
+    """Return one line and a hint for the first error."""
     found = complaint(error, _File)
     if found.kind == "unknown":
         return _unknown_field(path, found.key)

@@ -1,4 +1,4 @@
-"""What every environment offers, and what one control step returns."""
+"""The interface of every environment, and the result of one control step."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ __all__ = [
 
 
 class Step(NamedTuple):
-    """The outcome of one control step of all N simulations."""
+    """The result of one control step of all N simulations."""
 
     observation: NDArray[Any]  # (N, o) float32
-    reward: NDArray[Any]  # (N,) the task's own reward
-    terminated: NDArray[Any]  # (N,) bool: failed for good, an unstable simulation say
+    reward: NDArray[Any]  # (N,) the reward of the task
+    terminated: NDArray[Any]  # (N,) bool: failed, for example an unstable simulation
     truncated: NDArray[Any]  # (N,) bool: out of time
-    reward_terms: Mapping[str, NDArray[Any]]  # (N,) each, by name: what the reward is the sum of, where nothing failed
+    reward_terms: Mapping[str, NDArray[Any]]  # (N,) each, by name: the terms that add up to the reward, where nothing failed
 
 
 class ObservationTerm(NamedTuple):
@@ -34,40 +34,40 @@ class ObservationTerm(NamedTuple):
 
     name: str
     unit: str
-    size: int  # numbers
+    size: int  # number of values
 
 
 class RewardTerms(NamedTuple):
-    """What a state earns and what it costs, by name, each (N,) and weighted; the reward is what is earned less the costs."""
+    """Rewards and costs of a state by name, (N,) each and weighted; the reward is the sum of rewards less the costs."""
 
     earned: dict[str, NDArray[Any]]
     costs: dict[str, NDArray[Any]]
 
 
 def signed(terms: RewardTerms) -> dict[str, NDArray[Any]]:
-    """All terms by name, costs below zero, (N,) each."""
+    """Return all terms by name, costs negative, (N,) each."""
     return {**terms.earned, **{name: -cost for name, cost in terms.costs.items()}}
 
 
 def total_reward(terms: RewardTerms) -> NDArray[Any]:
-    """The reward that the terms add up to, (N,)."""
+    """Add up the terms to the reward, (N,)."""
     earned = functools.reduce(np.add, terms.earned.values())
     return np.subtract(earned, functools.reduce(np.add, terms.costs.values())) if terms.costs else earned
 
 
 class StateEstimate(NamedTuple):
-    """What the sensors of N simulations tell of their state."""
+    """The state of N simulations, estimated from their sensors."""
 
-    state: NDArray[Any]  # (N, v), opaque: `Environment.set_estimated_state` understands it
-    achieved_goal: NDArray[Any]  # (N, 3) m, where the judged point seems to be
-    tilt: NDArray[Any]  # (N, 2) which way what is pushed leans, in length the sine of how far; 0 where nothing can lean
+    state: NDArray[Any]  # (N, v), opaque: for `Environment.set_estimated_state`
+    achieved_goal: NDArray[Any]  # (N, 3) m
+    tilt: NDArray[Any]  # (N, 2) direction of a pushed object's tilt, length the sine of its angle; 0 without an object
 
 
 class Environment(Protocol):
-    """N simulations of one task. The observation holds neither goal nor skill; the reward knows the goal."""
+    """N simulations of one task. The observation contains neither goal nor skill; the reward depends on the goal."""
 
-    robot: Robot  # whose arm is simulated, where there is one
-    joints: int  # of that arm
+    robot: Robot  # the simulated arm; a task without an engine ignores it
+    joints: int  # joints of that arm
     num_envs: int
     horizon: int  # control steps in an episode
     control_period: float  # s
@@ -76,64 +76,64 @@ class Environment(Protocol):
     privileged_size: int
     goals: Array  # (K, 3) m, the goal of each skill
     tolerance: float  # m
-    desired_goal: Array  # (N, 3) m, the goal that the reward looks at
+    desired_goal: Array  # (N, 3) m, the goal in the reward
     applied: Array  # (N, a) how far the last step moved the commanded targets, after all clipping, rad or m
-    unstable: Array  # (N,) bool: whose last step ended in a state that is not finite or not of this world
+    unstable: Array  # (N,) bool: whether the last step ended in a state that is not finite or far out of range
 
     @property
     def reward_names(self) -> tuple[str, ...]:
-        """Of the terms of the reward."""
+        """Names of the terms of the reward."""
 
     def reset(self, ids: Array, skill: Array) -> None:
         """Put these simulations at the start, with the goals of these skills (n,), and their clocks at zero."""
 
     def observe(self) -> Array:
-        """(N, o) float32."""
+        """Return the observations, (N, o) float32."""
 
     def privileged(self) -> Array:
-        """What a value function may know and a policy may not, (N, p) float32; p may be 0."""
+        """Return observations for the value function only, (N, p) float32; p may be 0."""
 
     def step(self, action: Array) -> Step:
         """Apply actions (N, a), in units of the action limit and clipped to ±1, for one control step."""
 
     def set_active(self, ids: Array | None) -> None:
-        """Let only these simulations move, all where None; the others may stay as they are, and cost less."""
+        """Simulate only these; None for all. The others may keep their state, which costs less."""
 
     def achieved_goal(self) -> Array:
-        """Where the judged point of each simulation is, (N, 3) m."""
+        """Return the position that is compared with the goal, (N, 3) m: the gripper, or a pushed object."""
 
     def keypoints(self) -> Array:
-        """Points that tell a planner how things stand, (N, L, 3) m: the judged one first, then the gripper beside a box."""
+        """Return the points that describe a state to a planner, (N, L, 3) m: the achieved goal first, then a gripper."""
 
     def reset_to_state(self, ids: Array, sim_states: Array, skill: Array) -> None:
-        """Begin episodes of these skills from saved states, their clocks at zero."""
+        """Start episodes of these skills from saved states, with their clocks at zero."""
 
     def save(self, ids: Array) -> Array:
-        """Whole states of these simulations, (n, S)."""
+        """Return whole states of these simulations, (n, S)."""
 
     def restore(self, ids: Array, sim_states: Array) -> None:
-        """Put saved states into these slots."""
+        """Put saved states into these simulations."""
 
     def estimate_state(self) -> StateEstimate:
-        """The state as the sensors show it now, noise and all, behind the last observation."""
+        """Return the state that the sensors show now, with their noise, at the time of the last observation."""
 
     def set_estimated_state(self, ids: Array, state: Array, sag: Array | None = None) -> None:
-        """Put simulations (n,) into the state that sightings (n, v) suggest, those of another robot perhaps.
+        """Put simulations (n,) into estimated states (n, v), perhaps of another robot.
 
-        Its joints may come to rest off their targets, by `sag` (n, 7) rad; so do those of these simulations from now on.
+        The joints of that robot may rest `sag` (n, 7) rad off their commands; from now on these simulations' joints do too.
         """
 
     def randomize(self, parameters: Mapping[str, Array], rng: Rng) -> None:
-        """Turn every simulation into a robot of its own, before a reset; see `skillcli.config.randomization.PARAMETERS`.
+        """Give every simulation parameters of its own, before a reset; see `skillcli.config.randomization.PARAMETERS`.
 
         Args:
-            parameters: (N,) or (N, n) by name; what is absent is nominal.
-            rng: of all that goes on by chance while the episode runs: noise, drift, late commands, knocks. One for all
-                simulations, or one for each.
+            parameters: (N,) or (N, n) by name; absent ones are nominal.
+            rng: draws noise, drift, late commands and external forces during the episode. One for all simulations, or one
+                each.
         """
 
     def violations(self) -> Array:
-        """Which of the first K `SAFETY_LIMITS` the present state breaks, (N, K) bool; K is 0 where there are no limits."""
+        """Return which of the first K `SAFETY_LIMITS` each state violates, (N, K) bool; K is 0 without limits."""
 
     def recorded_state(self) -> dict[str, Array]:
-        """What a recording keeps of the present moment, by the names of `Trajectories`, each (N, ...)."""
+        """Return the recorded fields of the present state, by their names in `Trajectories`, each (N, ...)."""

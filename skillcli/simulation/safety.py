@@ -1,8 +1,7 @@
-"""The limits that a real arm and its cell have: joint ranges, joint speeds, a table that is no place for an arm, and a box that
-is to be pushed along it.
+"""Safety limits of a real arm and its cell: joint ranges, joint speeds, the table, and the box on it.
 
-Judged at the ends of control steps. The tolerances leave room for what the simulation's soft stops and soft contacts do
-where a real arm would do nothing wrong.
+They are checked at the end of control steps. Tolerances allow for the soft joint stops and soft contacts of the simulation,
+which a real arm does not have.
 """
 
 from __future__ import annotations
@@ -14,30 +13,30 @@ import numpy as np
 
 from skillcli.trajectories import Array
 
-# rad past the end of a joint's range: stops are soft here, and give way by less under a servo that only leans on one.
+# rad beyond a joint's range: joint stops are soft, and yield by less than this to a servo that only leans on them.
 RANGE_TOLERANCE = 0.005
 
-# m. Contacts are soft here, so a finger that rests on the table sinks in a little. These bound how far geometry may overlap in
-# the simulation; they are no bound on the force, which depends on how soft the contact is. MuJoCo's own contact is stiff:
-# 0.05 mm is about 30 N on the fingertip. That of the push task rises from nothing: 1 mm is about 45 N, 1.3 mm about
-# 120 N. Skills keep off the table where they were trained; where it is higher or tilted they may brush it.
+# m. Contacts are soft, so a finger that rests on the table sinks in a little. These limits bound the overlap, not the force,
+# which depends on the softness of the contact. MuJoCo's own contact is stiff: 0.05 mm is about 30 N on the fingertip. The
+# contact of the push task is softer: 1 mm is about 45 N, 1.3 mm about 120 N. Skills avoid the table where they were trained;
+# a higher or tilted table they may brush.
 STIFF_TABLE_TOLERANCE = 5e-5
 SOFT_TABLE_TOLERANCE = 2e-3
 
-# m that a box may be pressed into the table: the overlap that the contact of the push task is made to stay below. With four
-# corners on the table 2.5 mm is about 120 N on the default box, 2.85 mm 600 N: beyond, it is rammed down.
+# m that a box may be pressed into the table; the contact of the push task is tuned to stay below. With four corners on the
+# table 2.5 mm is about 120 N on the default box, 2.85 mm 600 N: beyond, it is rammed down.
 BOX_TOLERANCE = 3e-3
 
-# Cosine of how far a box may tip: past 45 degrees a cube falls over by itself, and where it then lies hangs on little.
+# Cosine of the largest tilt of a box: beyond 45° a cube topples and its final position is unpredictable.
 UPRIGHT = math.cos(math.radians(45))
 
 
 class Cover:
-    """Balls that stand for an arm.
+    """Spheres that cover an arm.
 
-    Every geom of the arm that collides at all is covered by points, each with a radius: capsules and spheres by balls
-    along their axes, boxes by their corners, cylinders by their rims, anything else by the corners of its bounding box.
-    Nothing deeper in a plane is missed; between corners and rims there is room for something small.
+    Every geom of the arm that can collide is covered by points with a radius: capsules and spheres by spheres along their
+    axes, boxes by their corners, cylinders by their rims, other geoms by the corners of their bounding box. The deepest point
+    below a plane is never missed; a small object may fit between corners and rims.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -48,7 +47,7 @@ class Cover:
         self.radii = np.concatenate([np.zeros(0), *(np.full(len(points), radius) for points, radius in covers)])  # (P,) m
 
     def centres(self, position: Array, rotation: Array) -> Array:
-        """Where the balls are, (N, P, 3) m.
+        """Return the centres of the spheres, (N, P, 3) m.
 
         Args:
             position: (N, G, 3) m, of all geoms.
@@ -68,7 +67,7 @@ class Clearance:
         self._cover = Cover(model)
 
     def depth(self, position: Array, rotation: Array) -> Array:
-        """How far the deepest part is below the table top, within the table's rectangle, (N,) m; 0 where none is.
+        """Return the depth of the deepest part below the table top, within its rectangle, (N,) m; 0 if none is below.
 
         Args:
             position: (N, G, 3) m, of all geoms.
@@ -84,7 +83,7 @@ class Clearance:
 
 
 def _is_arm(model: mujoco.MjModel, geom: int) -> bool:
-    """Whether a geom belongs to a moving body that is no free object, and touches anything."""
+    """Return whether a geom belongs to a moving body other than a free object, and can touch anything."""
     body = model.body_rootid[model.geom_bodyid[geom]]
     free = model.body_jntnum[body] > 0 and model.jnt_type[model.body_jntadr[body]] == mujoco.mjtJoint.mjJNT_FREE
     moves = model.body_weldid[model.geom_bodyid[geom]] != 0
@@ -92,7 +91,7 @@ def _is_arm(model: mujoco.MjModel, geom: int) -> bool:
 
 
 def _cover(model: mujoco.MjModel, geom: int) -> tuple[Array, float]:
-    """Points (P, 3) m in the geom's frame, and their radius, m."""
+    """Return points (P, 3) m in the geom's frame, and their radius, m."""
     kind, size = model.geom_type[geom], model.geom_size[geom]
     if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
         return np.zeros((1, 3)), float(size[0])

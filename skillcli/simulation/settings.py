@@ -1,4 +1,4 @@
-"""Recipe sections that the tasks share: goals with one skill each, and an arm that is driven."""
+"""Recipe sections shared by the tasks: goals with one skill each, and the drive of an arm."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pydantic import model_validator
 
 from skillcli.config.base import Joints, Section, optional_value, value
 
-MAX_SKILLS = 1000  # every pair of them is looked at
+MAX_SKILLS = 1000  # every pair of skills is computed
 
 
 class TaskSettings(Section):
-    """What every task has: goals, one skill each, their names, a clock, and what counts as success."""
+    """Settings of every task: goals, one skill each, their names, a clock, and the success radius."""
 
     module: str = optional_value("", "a Python file that holds the task, beside the recipe; empty for one that comes along")
     source_sha256: str = optional_value("", "of that file, filled in")
@@ -36,12 +36,12 @@ class TaskSettings(Section):
 
     @property
     def action_scale(self) -> float:
-        """What an action of one stands for, in the unit of the action: rad for an arm."""
+        """Size of an action of one, in the unit of the action: rad for an arm."""
         raise NotImplementedError
 
 
 class ArmTask(TaskSettings):
-    """What every task of an arm has: how an episode starts and how the arm is driven."""
+    """Settings of every arm task: the start of an episode, and how the arm is driven."""
 
     start: Joints = value((), "joint vector at reset; by default where the robot's file has it for this task", "rad")
     action_limit: float = value(0.04, "largest joint increment per control step", "rad", gt=0, le=0.2)

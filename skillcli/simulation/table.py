@@ -1,4 +1,4 @@
-"""The top of the table as a plane that a domain may raise and tilt."""
+"""The table top as a plane that a domain may raise and tilt."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from skillcli.trajectories import Array
 
 
 def normal(tilt: Array) -> Array:
-    """Unit normals (N, 3) of tops turned by rotation vectors (N, 2) rad about x and y."""
+    """Return unit normals (N, 3) of tops turned by rotation vectors (N, 2) rad about x and y."""
     angle = np.linalg.norm(tilt, axis=1)
-    sine = np.sinc(angle / np.pi)  # of the angle, over the angle
+    sine = np.sinc(angle / np.pi)  # sine of the angle, divided by the angle
     return np.stack([sine * tilt[:, 1], -sine * tilt[:, 0], np.cos(angle)], axis=1)
 
 
 def quaternion(tilt: Array) -> Array:
-    """The same rotations as quaternions, (N, 4) w x y z."""
+    """Return the same rotations as quaternions, (N, 4) w x y z."""
     half = np.linalg.norm(tilt, axis=1) / 2
     sine = np.sinc(half / np.pi) / 2
     return np.stack([np.cos(half), sine * tilt[:, 0], sine * tilt[:, 1], np.zeros(len(tilt))], axis=1)
 
 
 def turned(by: Array, orientation: Array) -> Array:
-    """Orientations (N, 4) turned by rotations (N, 4) in the base frame, all as quaternions w x y z, (N, 4)."""
+    """Turn orientations (N, 4) by rotations (N, 4) in the base frame, all as quaternions w x y z, (N, 4)."""
     (a, b, c, d), (w, x, y, z) = by.T, orientation.T
     product = (
         a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y,
@@ -33,7 +33,7 @@ def turned(by: Array, orientation: Array) -> Array:
 
 
 def surface(xy: Array, height: Array, tilt: Array) -> Array:
-    """How high the top is at places (N, 2) m, (N,) m, when its middle is raised by height (N,) m."""
+    """Return the height of the top at places (N, 2) m, (N,) m, if its middle is raised by height (N,) m."""
     n = normal(tilt)
     level: Array = TABLE_TOP + height - np.einsum("ij,ij->i", n[:, :2], xy - np.array(TABLE_CENTRE)) / n[:, 2]
     return level

@@ -1,4 +1,4 @@
-"""How fast the bare engine goes: the yardstick for collecting and training."""
+"""Speed of the bare engine, with which the speed of training is compared."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ STEPS = 10  # control steps per measurement: a tenth of a second at the default 
 class BareEngine:
     """The engine of an environment without policy, observation and reward: same model, simulations, threads, substeps.
 
-    Measurements are spread over a run, so that a machine which slows down slows both sides of the ratio.
+    Measurements are spread over a run, so that a machine that slows down affects both sides of the ratio.
     """
 
     def __init__(self, env: Environment) -> None:
@@ -23,8 +23,8 @@ class BareEngine:
         self.control_steps, self.seconds = 0, 0.0
 
     def measure(self) -> None:
-        """Step the engine from the states that the environment is in, with random targets, and put them back."""
-        if not isinstance(self._env, ArmEnvironment):  # nothing to be measured: no engine below it
+        """Step the engine from the environment's states with random commands, and restore the states."""
+        if not isinstance(self._env, ArmEnvironment):  # no engine to measure
             return
         arms = self._env.arms
         everyone = np.arange(arms.num_envs)
@@ -41,5 +41,5 @@ class BareEngine:
 
     @property
     def rate(self) -> float | None:
-        """Control steps per second, None where nothing was measured."""
+        """Control steps per second, None without a measurement."""
         return self.control_steps / self.seconds if self.control_steps else None

@@ -145,7 +145,7 @@ def execute(library: Library, route: Sequence[Segment], waypoints: Array, robots
 
 def _violations(recording: Trajectories) -> dict[str, int]:
     """Control steps beyond each limit that is broken, over all routes."""
-    return {limit: int(steps.sum()) for limit, steps in recording.beyond_limits.items() if steps.any()}
+    return {limit: int(steps.sum()) for limit, steps in recording.violation_steps.items() if steps.any()}
 
 
 def _composer_arrays(planned: list[PlanResult]) -> dict[str, Array]:

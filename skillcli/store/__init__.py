@@ -1,4 +1,4 @@
-"""The artifact store: `Store` keeps what stages hand over as a `Draft`, and gives it back as an `Artifact`."""
+"""The artifact store: `Store` takes a `Draft` from a stage and returns an `Artifact`."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Artifacts with their ancestors in one file: a plain tar of a manifest and the files as they lie in the store.
+"""Artifacts with their ancestors in one file: a plain tar of a manifest and the files of the store.
 
-Reading takes nothing on trust. Only regular files are known, under names that are ids, in the order and with the sizes and
-hashes of the manifest; nothing is unpacked by a library that follows links, and nothing is compressed.
+The reader trusts nothing. It accepts only regular files whose names are ids, in the order and with the sizes and hashes of
+the manifest. No library that follows links unpacks them, and nothing is compressed.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ FORMAT = {"format": "skill-export", "version": 1}
 MAX_MANIFEST_BYTES = 1 << 20
 MAX_ARTIFACTS = 1000
 LAST_IMPORTED = 1_000_000
-"""Version numbers beyond this are not taken from a file: the next training needs one that is higher."""
+"""Higher version numbers are not taken from a file: the next training needs a higher one."""
 
-_BLOCK = 512  # of a tar
-_LONGEST_END = 1 << 14  # zeros behind the last member
-_PIECE = 1 << 20  # bytes that are copied at a time
+_BLOCK = 512  # block size of a tar
+_LONGEST_END = 1 << 14  # zeros after the last member
+_PIECE = 1 << 20  # bytes copied at a time
 _NEITHER = {
     b"\x1f\x8b": "packed with gzip",
     b"BZh": "packed with bzip2",
@@ -50,22 +50,22 @@ _HINT = "give what `skill export` wrote, or the .h5 file of one artifact; if it 
 
 @dataclass(frozen=True)
 class Imported:
-    """What became of one artifact of an export."""
+    """The result of importing one artifact."""
 
-    id: ArtifactId  # under which it is in the store now
-    exported: ArtifactId  # under which it was exported
+    id: ArtifactId  # its id in this store
+    exported: ArtifactId  # its id in the export
     new: bool  # False: the same content was already here
-    replaced: bool = False  # it was, but damaged, and is whole now
+    replaced: bool = False  # the copy here was damaged and was replaced
 
 
 def export(store: Store, artifact_id: ArtifactId, path: Path) -> list[ArtifactId]:
     """Write an artifact and its ancestors into one new file.
 
     Returns:
-        What is in it, ancestors first.
+        The exported ids, ancestors first.
 
     Raises:
-        StoreError: one of them is gone or damaged, or the disk refuses.
+        StoreError: one of them is missing or damaged, or the disk refuses.
     """
     ids = _ancestors_first(store, artifact_id)
     for one in ids:
@@ -102,21 +102,21 @@ def export(store: Store, artifact_id: ArtifactId, path: Path) -> list[ArtifactId
 def import_file(
     store: Store, path: Path, check: Callable[[Artifact], None] = lambda _: None, *, replace_damaged: bool = False
 ) -> list[Imported]:
-    """Take the artifacts of an export, or a single artifact's file, into a store.
+    """Import the artifacts of an export, or a single artifact's file, into a store.
 
-    All are checked before the first gets its name. One whose id is taken by another content, or whose number is beyond
-    `LAST_IMPORTED`, gets the next free version, and those made from it say so. What they were made from must be in the file
-    or in the store.
+    All artifacts are checked before the first gets its name. If an id is taken by other content, or its number is beyond
+    `LAST_IMPORTED`, the artifact gets the next free version, and its children refer to that. Parents must be in the file or
+    in the store.
 
     Args:
-        store: where to.
+        store: where to import to.
         path: the file.
-        check: sees every artifact too, and may raise a StoreError to refuse them all.
-        replace_damaged: whether a damaged copy in the store may be replaced by the whole one from the file.
+        check: called with every artifact; may raise a StoreError to refuse them all.
+        replace_damaged: whether a damaged copy in the store may be replaced by the intact one from the file.
 
     Raises:
-        StoreError: the file is damaged, hostile or made by a newer skill, what an artifact was made from is not there, the
-            copy in the store is damaged, or the store refuses.
+        StoreError: the file is damaged, hostile or made by a newer skill, a parent is missing, the copy in the store is
+            damaged, or the store refuses.
     """
     renamed: dict[ArtifactId, ArtifactId] = {}
     imported = []
@@ -147,12 +147,12 @@ def _ancestors_first(store: Store, artifact_id: ArtifactId) -> list[ArtifactId]:
 
 def _add(tar: tarfile.TarFile, name: str, data: bytes) -> None:
     info = tarfile.TarInfo(name)
-    info.size, info.mode = len(data), 0o644  # no times, users or places: equal content, equal file
+    info.size, info.mode = len(data), 0o644  # no times, users or paths: equal content gives an equal file
     tar.addfile(info, io.BytesIO(data))
 
 
 class _Here(Exception):
-    """The content came into the store while it was being written a second time."""
+    """The content appeared in the store while it was being written."""
 
     def __init__(self, found: ArtifactId) -> None:
         super().__init__(found)
@@ -160,7 +160,7 @@ class _Here(Exception):
 
 
 def _parent(store: Store, artifact: Artifact, parent: Parent, renamed: Mapping[ArtifactId, ArtifactId]) -> Parent:
-    """What an artifact was made from, under its id in the store."""
+    """Return a parent of an artifact under its id in the store."""
     found = renamed.get(parent.id) or _same(store, parent.id, parent.content_sha256)
     if found is None:
         problem = (
@@ -197,7 +197,7 @@ def _keep_new(store: Store, artifact: Artifact) -> Imported:
 
 
 def _claim(store: Store, artifact_id: ArtifactId) -> ArtifactId:
-    """The id itself where it was never taken here, else the next version."""
+    """Claim this id if it was never taken here, else the next version."""
     path = store.path(artifact_id)
     if artifact_id.version <= LAST_IMPORTED:
         atomic.make_folder(path.parent)
@@ -207,9 +207,9 @@ def _claim(store: Store, artifact_id: ArtifactId) -> ArtifactId:
 
 
 def _same(store: Store, artifact_id: ArtifactId, content_sha256: str, *, or_illegible: bool = False) -> ArtifactId | None:
-    """The artifact of a series that says it has this content, under the given id if possible.
+    """Find the artifact of a series whose header has this content hash, under the given id if possible.
 
-    With `or_illegible`, also the one under the id itself when it cannot say what it is.
+    With `or_illegible`, also return the id itself if its header cannot be read.
     """
     series = sorted(store.versions(artifact_id), key=lambda one: one != artifact_id)
     contents = {one: _content(store, one) for one in series}
@@ -219,7 +219,7 @@ def _same(store: Store, artifact_id: ArtifactId, content_sha256: str, *, or_ille
 
 
 def _content(store: Store, artifact_id: ArtifactId) -> str | None:
-    """The content hash an artifact says it has; "" when it is damaged, None when it is gone or may not be read.
+    """Return the content hash in an artifact's header; "" if it is damaged, None if it is missing or not readable.
 
     Raises:
         StoreError: the disk fails.
@@ -233,7 +233,7 @@ def _content(store: Store, artifact_id: ArtifactId) -> str | None:
 
 
 def _damage(store: Store, artifact_id: ArtifactId, content_sha256: str) -> str:
-    """What is wrong with a stored artifact that should have this content; "" where nothing is.
+    """Describe what is wrong with a stored artifact that should have this content; "" if nothing.
 
     Raises:
         StoreError: the disk fails.
@@ -249,7 +249,7 @@ def _damage(store: Store, artifact_id: ArtifactId, content_sha256: str) -> str:
 
 @contextmanager
 def _unpacked(store: Store, path: Path, check: Callable[[Artifact], None]) -> Iterator[Iterator[Artifact]]:
-    """All artifacts of a file, each checked, ancestors first; one at a time in memory."""
+    """Yield all artifacts of a file, each checked, ancestors first; one at a time in memory."""
     with ExitStack() as stack:
         if _is_single(path):
             with reading(path, _HINT):
@@ -262,10 +262,10 @@ def _unpacked(store: Store, path: Path, check: Callable[[Artifact], None]) -> It
 
 
 def _is_single(path: Path) -> bool:
-    """Whether it is an artifact's own file.
+    """Return whether the file is a single artifact.
 
     Raises:
-        StoreError: it is plainly neither that nor an export.
+        StoreError: it is neither that nor an export.
     """
     with reading(path, _HINT), open_regular(path) as file:
         start = file.read(_BLOCK)
@@ -278,7 +278,7 @@ def _is_single(path: Path) -> bool:
 def _extracted(
     store: Store, path: Path, check: Callable[[Artifact], None], stack: ExitStack
 ) -> Iterator[tuple[ArtifactId, Path]]:
-    """Copy each artifact of an export into the store's folder, under a temporary name until `stack` is closed, and check it."""
+    """Copy each artifact of an export into the store under a temporary name, until `stack` closes, and check it."""
     known: dict[ArtifactId, str] = {}
     with reading(path, _HINT), open_regular(path) as file:
         members = _members(file)
@@ -306,7 +306,7 @@ def _extracted(
 
 
 def _copied(file: BinaryIO, length: int, target: Path) -> str:
-    """Copy bytes of an export into a new file, in pieces; returns their SHA-256."""
+    """Copy bytes of an export into a new file, in pieces; return their SHA-256."""
     if length > MAX_FILE_BYTES:
         raise ValueError(f"it holds a file of {length} bytes, at most {MAX_FILE_BYTES} are read from elsewhere")
     sha = hashlib.sha256()
@@ -334,7 +334,7 @@ def _check_parents(artifact: Artifact, entry: dict[str, Any], known: dict[Artifa
 
 
 def _members(file: BinaryIO) -> Iterator[tuple[str, int]]:
-    """Name and size of each member of a tar, while `file` stands at its first byte.
+    """Yield name and size of each member of a tar, with `file` at the member's first byte.
 
     Raises:
         ValueError: it is not a tar of regular files with plain headers.
@@ -361,11 +361,11 @@ def _members(file: BinaryIO) -> Iterator[tuple[str, int]]:
 
 
 def _entries(manifest: Any) -> list[dict[str, Any]]:
-    """What a manifest lists.
+    """Return the entries of a manifest.
 
     Raises:
         ValueError: it is not a manifest.
-        StoreError: it is of a newer format.
+        StoreError: its format is newer.
     """
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT["format"]:
         raise ValueError("it is not an export of skill")

@@ -1,4 +1,4 @@
-"""What a stage hands to the store, and what it gets back."""
+"""`Draft`, which a stage gives to the store, and `Artifact`, which the store returns."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from skillcli.store.ids import ArtifactId
 Array = NDArray[Any]
 
 ORIGIN = "migrated_from"
-"""Under this name in `measured`, which is not hashed, a migrated artifact says what it was made from."""
+"""Key in `measured`, which is not hashed, under which a migrated artifact names its original."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Draft:
-    """A finished result that has no id yet."""
+    """A finished result without an id."""
 
     kind: str
     name: str  # first part of the id
@@ -30,8 +30,8 @@ class Draft:
     command: str  # as typed
     recipe: Mapping[str, Any]  # resolved; has a "name"
     arrays: Mapping[str, Array]  # by path, see schema.py
-    results: Mapping[str, Any]  # what was found out: part of the content hash; NaN is stored as null
-    measured: Mapping[str, Any]  # what differs from run to run, such as seconds and rates: not hashed
+    results: Mapping[str, Any]  # results of the stage: part of the content hash; NaN is stored as null
+    measured: Mapping[str, Any]  # what differs between equal runs, such as times: not hashed
     parents: Sequence[ArtifactId] = ()
     model_sha256: str = ""
     inputs_sha256: str = ""  # fingerprint of everything that determines the result, to recognise finished work
@@ -39,7 +39,7 @@ class Draft:
 
 @dataclass(frozen=True)
 class Parent:
-    """An artifact that another was made from, as it was then."""
+    """An artifact that another was made from, with its content hash at that time."""
 
     id: ArtifactId
     content_sha256: str
@@ -47,7 +47,7 @@ class Parent:
 
 @dataclass(frozen=True, kw_only=True)
 class Header:
-    """What is known of an artifact without opening it."""
+    """The part of an artifact that can be read without its data."""
 
     id: ArtifactId
     schema_version: int
@@ -61,13 +61,13 @@ class Header:
 
     @property
     def kind(self) -> str:
-        """What it is: the stage it came from."""
+        """Return the kind: the stage that made it."""
         return self.id.stage
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Artifact(Header):
-    """One artifact, wholly in memory."""
+    """One artifact in memory."""
 
     command: str
     recipe: Mapping[str, Any]
@@ -81,18 +81,18 @@ class Artifact(Header):
     arrays: Mapping[str, Array] = field(repr=False)
 
     def group(self, prefix: str) -> dict[str, Array]:
-        """The arrays below `prefix`, by the rest of their path: `group("trajectories")["time"]`."""
+        """Return the arrays below `prefix`, keyed by the rest of their path: `group("trajectories")["time"]`."""
         start = prefix.rstrip("/") + "/"
         return {path.removeprefix(start): array for path, array in self.arrays.items() if path.startswith(start)}
 
     @property
     def origin(self) -> Mapping[str, Any]:
-        """What a migrated artifact was made from: id, content_sha256, command and more; empty for any other."""
+        """Return the original of a migrated artifact: id, content_sha256, command and more; empty for any other."""
         found = self.measured.get(ORIGIN)
         return found if isinstance(found, dict) and {"id", "content_sha256", "command"} <= found.keys() else {}
 
     def provenance(self) -> str:
-        """Where it comes from, as markdown."""
+        """Describe the origin as markdown."""
         origin = self.origin
         lines = [
             f"# {markdown(str(self.id))}",
@@ -115,14 +115,14 @@ class Artifact(Header):
 
 @dataclass(frozen=True)
 class Unreadable:
-    """A file that lies where an artifact should, but is not a whole one; or a folder that cannot be listed."""
+    """A file in the place of an artifact that cannot be read, or a folder that cannot be listed."""
 
-    id: ArtifactId | str  # of a folder `NAME/`
+    id: ArtifactId | str  # or the folder `NAME/`
     problem: str
 
 
 def content_hash(artifact: Artifact) -> str:
-    """SHA-256 over data and meaning: equal for equal runs, whatever their names, times, machines and speeds."""
+    """Hash data and meaning with SHA-256: equal for equal runs, whatever their names, times, machines and speeds."""
     meaning = {
         "kind": artifact.kind,
         "schema_version": artifact.schema_version,

@@ -1,4 +1,4 @@
-"""Files that are either whole under their final name or not there at all, also after a crash or a power cut."""
+"""Write files that are either complete under their final name or absent, even after a crash or a power cut."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from skillcli.store.process import is_running, machine_tag
 T = TypeVar("T")
 
 TEMPORARY = ".tmp-"
-"""How the names of unfinished files begin: `.tmp-WHAT-MACHINE-PID-RANDOM`, left over where a process was killed."""
+"""Prefix of unfinished files: `.tmp-WHAT-MACHINE-PID-RANDOM`; they remain if a process is killed."""
 
 CLAIMS = ".claims"
-"""Folder below each name: an empty file for every version that was ever given."""
+"""Folder below each name: an empty file for every version number ever given."""
 
 FULL = (errno.ENOSPC, errno.EDQUOT)
-"""What the system says where nothing more can be written."""
+"""Error numbers of a full disk."""
 
 LEFT_OVER_SECONDS = 24 * 3600.0
-"""After this time without a change an unfinished file is left over, wherever its process runs or ran."""
+"""An unfinished file that did not change for so long is left over, whatever became of its process."""
 
 _HINTS = {
     errno.ENOSPC: "the disk is full: free some space, or choose another folder with --store",
@@ -48,7 +48,7 @@ _OURS = re.compile(rf"{re.escape(TEMPORARY)}.*-[0-9a-f]{{8}}-[1-9][0-9]*-[0-9a-f
 
 @contextmanager
 def storage_errors(action: str) -> Iterator[None]:
-    """Turn what the operating system says while doing `action` into a StoreError with advice."""
+    """Turn an error of the operating system during `action` into a StoreError with advice."""
     try:
         yield
     except OSError as error:
@@ -57,9 +57,9 @@ def storage_errors(action: str) -> Iterator[None]:
 
 
 def is_disk_failure(error: StoreError) -> bool:
-    """Whether something could not be read because the disk failed: what it holds is not known then."""
+    """Return whether a file could not be read because the disk failed, so that its content is unknown."""
     cause = error.__cause__
-    known = isinstance(cause, OSError) and cause.errno is not None  # HDF5 raises ones without a number at damaged files
+    known = isinstance(cause, OSError) and cause.errno is not None  # HDF5 raises one without a number for damaged files
     return known and not isinstance(cause, FileNotFoundError | PermissionError)
 
 
@@ -71,21 +71,21 @@ def write_atomically(
     replace: bool = False,
     naming: AbstractContextManager[object] | None = None,
 ) -> T:
-    """Write `data` beside `path`, flush it to the disk, check it as it is there, and only then give it its name.
+    """Write `data` beside `path`, flush it to the disk, check the written file, and only then rename it.
 
     Args:
         path: the final name; its folder exists.
         data: the bytes of the file.
         check: reads the finished temporary file; raises to refuse it.
         replace: whether an existing file may be replaced.
-        naming: entered for the moment in which the file gets its name; may raise to refuse it.
+        naming: context entered while the file gets its name; may raise to refuse it.
 
     Returns:
         What `check` returned.
 
     Raises:
-        StoreError: the disk refused; nothing was left under `path`, or what was there before still is, unless all that
-            failed was to flush the folder: then the whole file is there, and may be gone after a power cut.
+        StoreError: the disk refused. `path` is as it was before, unless only flushing the folder failed: then the whole
+            file is there, and may be lost in a power cut.
     """
     temporary = temporary_beside(path)
     with storage_errors(f"write {path}"):
@@ -108,14 +108,14 @@ def write_atomically(
 
 
 def temporary_beside(path: Path) -> Path:
-    """A name for the unfinished form of a file, which tells whose it is."""
+    """Return a name for an unfinished file, which identifies its process."""
     return path.with_name(
         f"{TEMPORARY}{path.stem.lstrip('.')}-{machine_tag()}-{os.getpid()}-{secrets.token_hex(4)}{path.suffix}"
     )
 
 
 def is_left_over(path: Path) -> bool:
-    """Whether an unfinished file will never be finished: its process has ended, or it has not changed for a day."""
+    """Return whether an unfinished file is abandoned: its process has ended, or it has not changed for a day."""
     if _has_ended(path):
         return True
     try:
@@ -125,13 +125,13 @@ def is_left_over(path: Path) -> bool:
 
 
 def _has_ended(path: Path) -> bool:
-    """Whether the process that an unfinished file is named after is known to have ended."""
+    """Return whether the process named in an unfinished file's name is known to have ended."""
     tag, pid, _ = ["", "", *path.stem.split("-")][-3:]
     return tag == machine_tag() and pid.isascii() and pid.isdigit() and not is_running(int(pid))
 
 
 def sweep(folder: Path) -> None:
-    """Remove what killed processes of this machine left unfinished in a folder that is not part of a store.
+    """Remove unfinished files of killed processes of this machine from a folder outside a store.
 
     Raises:
         OSError: the folder cannot be listed, or the disk refuses.
@@ -143,7 +143,7 @@ def sweep(folder: Path) -> None:
 
 
 def make_folder(path: Path) -> None:
-    """Create a folder and its parents so that they outlive a power cut.
+    """Create a folder and its parents so that they survive a power cut.
 
     Raises:
         OSError: it cannot be created.
@@ -156,7 +156,7 @@ def make_folder(path: Path) -> None:
 
 
 def sync_folder(path: Path) -> None:
-    """Flush a folder's list of names to the disk: without it a rename may be lost although the file is safe.
+    """Flush the names in a folder to the disk: otherwise a rename may be lost although the file is safe.
 
     Raises:
         OSError: the folder cannot be opened or flushed.
@@ -169,10 +169,10 @@ def sync_folder(path: Path) -> None:
 
 
 def try_writing(folder: Path) -> None:
-    """Create and remove a small file, to learn now rather than after hours whether the folder takes files.
+    """Create and remove a small file, to learn now and not after hours whether the folder can be written.
 
     Raises:
-        StoreError: it does not.
+        StoreError: it cannot.
     """
     with storage_errors(f"write in {folder}"):
         make_folder(folder)
@@ -187,10 +187,10 @@ def try_writing(folder: Path) -> None:
 
 
 def claim_version(folder: Path, stage: str) -> int:
-    """Take the next version number of a stage, for ever: also after `rm`, and never twice between processes.
+    """Take the next version number of a stage for ever: it is not given again after `rm`, nor to another process.
 
     Args:
-        folder: `ROOT/NAME`, created where needed.
+        folder: `ROOT/NAME`, created if needed.
         stage: which stage.
 
     Raises:
@@ -207,7 +207,7 @@ def claim_version(folder: Path, stage: str) -> int:
 
 
 def next_version(folder: Path, stage: str) -> int:
-    """The version number of a stage that would be given now.
+    """Return the version number that a stage would get now.
 
     Raises:
         StoreError: all are taken.
@@ -222,7 +222,7 @@ def next_version(folder: Path, stage: str) -> int:
 
 
 def keep_claim(folder: Path, stem: str) -> bool:
-    """See to it that `STAGE-vN` stays taken, also where the artifact came without its claim; False where it was.
+    """Claim `STAGE-vN`, for an artifact that came without its claim; return False if it was claimed.
 
     Raises:
         OSError: the folder cannot be written.
@@ -236,7 +236,7 @@ def keep_claim(folder: Path, stem: str) -> bool:
 
 
 def remove_claimed(path: Path) -> None:
-    """Remove an artifact's file, while its number stays taken: on a full disk by making the file itself the claim.
+    """Remove an artifact's file but keep its number taken; on a full disk the file itself becomes the claim.
 
     Raises:
         OSError: the disk refuses.
@@ -255,7 +255,7 @@ def remove_claimed(path: Path) -> None:
 
 
 def _create(path: Path) -> bool:
-    """Create an empty file; False when it is already there."""
+    """Create an empty file; return False if it exists."""
     try:
         os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644))
     except FileExistsError:

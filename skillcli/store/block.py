@@ -1,7 +1,7 @@
-"""The block in front of every stored file: one line with the file's own hash, one line of JSON, zeros.
+"""The block at the start of every stored file: one line with the file's own hash, one line of JSON, zeros.
 
-It lies in HDF5's user block, so the file opens in any HDF5 tool, while listing a store reads a few kilobytes per file
-and opens no HDF5. The hash covers every byte of the file except its own 64 digits: any changed bit is found.
+It lies in HDF5's user block, so any HDF5 tool opens the file, and listing a store reads a few kilobytes per file and opens
+no HDF5. The hash covers every byte of the file except its own 64 digits, so any changed bit is found.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any, BinaryIO
 from skillcli.store.canonical_json import canonical, parse
 
 MAGIC = b"skill-store "
-"""How every file of a store begins."""
+"""First bytes of every file of a store."""
 
 SMALLEST = 4096
 LARGEST = 1 << 17
@@ -26,7 +26,7 @@ _DIGITS = slice(_LENGTH - 65, _LENGTH - 1)
 
 
 def block_size(header: Mapping[str, Any]) -> int:
-    """The smallest block that HDF5 allows (a power of two) and `header` fits in.
+    """Return the smallest block size that HDF5 allows (a power of two) and that holds `header`.
 
     Raises:
         ValueError: none does.
@@ -41,7 +41,7 @@ def block_size(header: Mapping[str, Any]) -> int:
 
 
 def seal(file: BinaryIO, header: Mapping[str, Any], size: int) -> str:
-    """Write the block into the first `size` bytes of a finished file, the file's hash last; returns that hash."""
+    """Write the block into the first `size` bytes of a finished file, the file's hash last; return that hash."""
     line = _LINE.format(size, "0" * 64)
     file.seek(0)
     file.write(f"{line}{canonical(header)}\n".encode().ljust(size, b"\0"))
@@ -52,10 +52,10 @@ def seal(file: BinaryIO, header: Mapping[str, Any], size: int) -> str:
 
 
 def read_block(file: BinaryIO) -> tuple[dict[str, Any], int]:
-    """The header and the size of the block it lies in; says nothing yet about the rest of the file.
+    """Return the header and the size of its block; the rest of the file is not checked.
 
     Raises:
-        ValueError: this is not one of our files, or its block is damaged.
+        ValueError: this is not a file of a store, or its block is damaged.
     """
     file.seek(0)
     start = file.read(SMALLEST)
@@ -77,12 +77,12 @@ def read_block(file: BinaryIO) -> tuple[dict[str, Any], int]:
 
 
 def may_mention(file: BinaryIO, text: str) -> bool:
-    """Whether the header of a file may hold a JSON string: much quicker than reading it as JSON, and never wrongly False."""
+    """Return whether the header may contain a JSON string: faster than parsing it, and never wrongly False."""
     file.seek(0)
     start = file.read(SMALLEST)
     found = _PATTERN.match(start)
     start += file.read(int(found[1]) - len(start)) if found and int(found[1]) > len(start) else b""
-    return f'"{text}"'.encode() in start or b"\\" in start  # behind a backslash, any letter can hide
+    return f'"{text}"'.encode() in start or b"\\" in start  # after a backslash any character may be escaped
 
 
 def check_digest(file: BinaryIO) -> None:
@@ -97,10 +97,10 @@ def check_digest(file: BinaryIO) -> None:
 
 
 def check_spelling(file: BinaryIO, header: Mapping[str, Any]) -> None:
-    """Compare the header's words with how it would be written.
+    """Compare the header's bytes with those that the store would write.
 
     Raises:
-        ValueError: they differ, as where keys stand in another order.
+        ValueError: they differ, for example in the order of keys.
     """
     wanted = f"{canonical(header)}\n".encode()
     file.seek(_LENGTH)
@@ -109,14 +109,14 @@ def check_spelling(file: BinaryIO, header: Mapping[str, Any]) -> None:
 
 
 def recorded_digest(file: BinaryIO) -> str:
-    """The hash that the block says the file has, "" where it says none."""
+    """Return the hash recorded in the block, "" if there is none."""
     file.seek(0)
     found = _PATTERN.match(file.read(_LENGTH))
     return found[2].decode() if found else ""
 
 
 def digest(file: BinaryIO) -> str:
-    """SHA-256 over every byte but the digits of the hash itself, 64 hexadecimal digits."""
+    """Hash every byte of the file but the digits of the hash itself with SHA-256; 64 hexadecimal digits."""
     file.seek(0)
     sha = hashlib.sha256(file.read(_DIGITS.start))
     file.seek(_DIGITS.stop)

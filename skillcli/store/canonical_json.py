@@ -1,4 +1,4 @@
-"""JSON as the store writes it: one canonical spelling, so that equal values have equal hashes."""
+"""JSON in one canonical form, so that equal values have equal hashes."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ import numpy as np
 
 from skillcli.errors import StoreError
 
-MAX_DEPTH = 32  # of lists and objects inside each other; an artifact's recipe has five
+MAX_DEPTH = 32  # nested lists and objects; an artifact's recipe has five
 MAX_DIGITS = 40  # of an integer; the state of a generator has 39
 
-_STRINGS_AND_REST = re.compile(r'"(?:[^"\\]|\\.)*+"?|[^][{}"]+', re.DOTALL)  # in one go, also where no quote ends it
+_STRINGS_AND_REST = re.compile(r'"(?:[^"\\]|\\.)*+"?|[^][{}"]+', re.DOTALL)  # linear time, even without a closing quote
 _INNERMOST = re.compile(r"\[\]|\{\}")
 
 
 def plain(value: Any, where: str = "value") -> Any:
-    """The value in JSON's own types: numpy scalars and arrays become numbers and lists, NaN and infinities null.
+    """Convert a value to JSON's own types: numpy scalars and arrays to numbers and lists, NaN and infinities to null.
 
     Raises:
-        StoreError: something in it has no JSON form; `where` tells the place.
+        StoreError: something in it has no JSON form; `where` names the place.
     """
     if isinstance(value, np.ndarray | np.generic):
         return plain(value.tolist(), where)
@@ -41,7 +41,7 @@ def plain(value: Any, where: str = "value") -> Any:
 
 
 def canonical(value: Any) -> str:
-    """Strict JSON with sorted keys and no spaces, ASCII only."""
+    """Write strict JSON with sorted keys and no spaces, ASCII only."""
     return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
@@ -49,7 +49,7 @@ def parse(text: str | bytes) -> Any:
     """Read strict JSON that this store could have written.
 
     Raises:
-        ValueError: it is none, is nested too deeply, says a key twice, or holds a number that is not finite or too long.
+        ValueError: it is invalid, nested too deeply, repeats a key, or has a number that is not finite or too long.
     """
     decoded = text if isinstance(text, str) else text.decode()
     _check_depth(decoded)
@@ -57,12 +57,12 @@ def parse(text: str | bytes) -> Any:
 
 
 def sha256(value: Any) -> str:
-    """Hash of the canonical JSON, 64 hexadecimal digits."""
+    """Hash the canonical JSON; 64 hexadecimal digits."""
     return hashlib.sha256(canonical(value).encode()).hexdigest()
 
 
 def _check_depth(text: str) -> None:
-    """Before it is parsed: a parser of nested things has a stack that can be used up."""
+    """Check the nesting before parsing: a recursive parser can exhaust its stack."""
     if text.count("[") + text.count("{") <= MAX_DEPTH:
         return
     brackets = _STRINGS_AND_REST.sub("", text)
@@ -97,5 +97,5 @@ def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return found
 
 
-# made once: a store is listed by thousands of headers
+# made once: a listing reads thousands of headers
 _STRICT = json.JSONDecoder(parse_constant=_no_constant, parse_int=_integer, parse_float=_finite, object_pairs_hook=_once_each)

@@ -1,4 +1,4 @@
-"""Unfinished training on disk, to be continued to the same result. A checkpoint has no id and is replaced in place."""
+"""Unfinished training on disk, resumed to the same result. A checkpoint has no id and is replaced in place."""
 
 from __future__ import annotations
 
@@ -18,33 +18,33 @@ _PACKAGES = "packages"
 
 
 def save_checkpoint(path: Path, arrays: Mapping[str, Array], state: Mapping[str, Any]) -> None:
-    """Write everything that training needs to go on, in place of what was there.
+    """Write everything that training needs to resume, replacing the checkpoint before.
 
     Args:
         path: see `Store.checkpoint_path`.
         arrays: by path, any shapes.
-        state: JSON-able, numbers finite; integers of up to 40 digits come back as they were.
+        state: JSON values, numbers finite; integers of up to 40 digits are exact.
 
     Raises:
-        StoreError: it cannot be stored; the checkpoint before it still stands.
+        StoreError: it cannot be stored; the checkpoint before it is kept.
     """
     try:
         text = canonical(state)
     except (TypeError, ValueError) as error:
         raise StoreError(f"the state of training cannot be stored as JSON: {error}") from error
     contents = Contents({}, {**checked_arrays(arrays), _STATE: text_array(text)})
-    data = pack({**_HEADER, _PACKAGES: package_versions()}, contents, _labels, gzip=False)  # short-lived: speed counts
+    data = pack({**_HEADER, _PACKAGES: package_versions()}, contents, _labels, gzip=False)  # short-lived: speed first
     with storage_errors(f"write in {path.parent}"):
         make_folder(path.parent)
     write_atomically(path, data, load_checkpoint, replace=True)
 
 
 def load_checkpoint(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
-    """The arrays and the state that were saved.
+    """Return the arrays and the state that were saved.
 
     Raises:
-        StoreError: there is no checkpoint, it is damaged, or other versions of packages made it: they would go on to
-            another result, and a saved state of the simulator means nothing to another version of it.
+        StoreError: there is no checkpoint, it is damaged, or other package versions made it: training would reach another
+            result, and a saved simulator state is invalid in another version.
     """
     _, contents = unpack(path, _check)
     arrays = dict(contents.arrays)
@@ -56,7 +56,7 @@ def load_checkpoint(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
 
 
 def remove_checkpoint(path: Path) -> None:
-    """Forget a checkpoint, if there is one.
+    """Remove a checkpoint, if there is one.
 
     Raises:
         StoreError: the disk refuses.

@@ -1,4 +1,4 @@
-"""An artifact as a file and back: which facts lie in the header, which in attributes, which in JSON texts."""
+"""Encode an artifact as a file and back: which facts are in the header, in attributes, and in JSON texts."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _HEADER = {
     "inputs_sha256": str,
     "bytes": int,
 }
-# Said twice, in the header and as attributes for readers of HDF5: the two must agree.
+# Stored twice, in the header and as attributes for other HDF5 readers: both must agree.
 _SHARED = ("id", "kind", "schema_version", "created_utc", "seed", "content_sha256", "inputs_sha256")
 _ATTRIBUTES = {*_SHARED, "recipe_sha256", "model_sha256", "git_commit", "git_dirty"}
 _SHA256 = re.compile(r"[0-9a-f]{64}")
@@ -44,7 +44,7 @@ _ATTRIBUTE_FORMS = {
     "model_sha256": re.compile(r"[0-9a-z]{0,64}", re.ASCII),
     "git_commit": re.compile(r"[0-9a-f]{0,64}", re.ASCII),
 }
-# Bytes of each JSON text: it takes twenty times its size in memory, and somebody may want to see it.
+# Largest JSON texts, bytes: parsed, a text takes twenty times its size in memory, and people read it.
 _MAX_TEXT_BYTES = {
     "command": 1 << 16,
     "recipe": 1 << 18,
@@ -55,12 +55,12 @@ _MAX_TEXT_BYTES = {
 }
 _TEXTS = tuple(_MAX_TEXT_BYTES)
 _RECORDS = {f"{RECORD}/{name}" for name in _TEXTS}
-MAX_PARENTS = 256  # of any artifact; `schema` says how many each kind has
-_MAX_COMMAND = 8000  # characters that are kept of a longer one
+MAX_PARENTS = 256  # of any artifact; `schema` has the number for each kind
+_MAX_COMMAND = 8000  # characters kept of a longer command
 
 
 def check_draft(draft: Draft) -> Draft:
-    """The draft in the form in which it will be stored and read back.
+    """Return the draft in the form in which it will be stored and read back.
 
     Raises:
         StoreError: something in it cannot be stored, or does not fit its kind.
@@ -76,7 +76,7 @@ def check_draft(draft: Draft) -> Draft:
 
 
 def finish(draft: Draft, version: int, parents: tuple[Parent, ...]) -> Artifact:
-    """The artifact that a checked draft becomes under this version number."""
+    """Make the artifact of a checked draft with this version number."""
     commit, dirty = git_state()
     artifact = Artifact(
         id=ArtifactId(draft.name, draft.kind, version),
@@ -103,10 +103,10 @@ def finish(draft: Draft, version: int, parents: tuple[Parent, ...]) -> Artifact:
 
 
 def encode(artifact: Artifact) -> memoryview:
-    """The bytes of the artifact's file.
+    """Encode the artifact as the bytes of its file.
 
     Raises:
-        StoreError: they cannot be made.
+        StoreError: that fails.
     """
     header = _header_fields(artifact)
     attributes = {name: header[name] for name in _SHARED} | {
@@ -123,10 +123,10 @@ def encode(artifact: Artifact) -> memoryview:
 
 
 def read_header(path: Path | str, expected: ArtifactId) -> Header:
-    """What an artifact's file says of itself, from its first few kilobytes.
+    """Read the header of an artifact from the first few kilobytes of its file.
 
     Raises:
-        StoreError: it is damaged, of an unknown kind, or not the artifact that its path says.
+        StoreError: it is damaged, of an unknown kind, or of another artifact than its path says.
     """
     fields = peek(path)
     with reading(path):
@@ -134,15 +134,15 @@ def read_header(path: Path | str, expected: ArtifactId) -> Header:
 
 
 def read_artifact(path: Path, expected: ArtifactId, *, older: bool = False) -> Artifact:
-    """The whole artifact; the file's hash and structure are checked before its data is read.
+    """Read the whole artifact; hash and structure of the file are checked before its data is read.
 
     Args:
         path: the file.
         expected: which artifact it must be.
-        older: whether one of an older schema will do, as it is; its arrays are then compared with no table.
+        older: whether to accept an older schema as it is; its arrays are then not checked against the kind.
 
     Raises:
-        StoreError: it is damaged, refused, of another schema, or not the artifact that its path says.
+        StoreError: it is damaged, refused, of another schema, or of another artifact than its path says.
     """
 
     def check(fields: Mapping[str, Any], shapes: Mapping[str, schema.Shape], labels: Mapping[str, tuple[str, str]]) -> None:
@@ -192,7 +192,7 @@ def _header_fields(header: Header) -> dict[str, Any]:
 
 
 def _header(fields: Mapping[str, Any], expected: ArtifactId) -> Header:
-    """Raises ValueError where the header is not one, and StoreError where it is not for us."""
+    """Check a header; raise ValueError if it is invalid, and StoreError if it is not for this artifact or version."""
     if {name: type(value) for name, value in fields.items()} != _HEADER:
         raise ValueError("its header is not that of an artifact")
     kind_spec(fields["kind"], str(expected))
@@ -224,7 +224,7 @@ def _header(fields: Mapping[str, Any], expected: ArtifactId) -> Header:
 def _check_time(text: str) -> None:
     if not _TIME.fullmatch(text):
         raise ValueError("its time is not one in UTC with microseconds, between 2000 and 2099")
-    datetime.fromisoformat(text)  # refuses a 30th of February
+    datetime.fromisoformat(text)  # refuses days such as 30 February
 
 
 def _fits(form: re.Pattern[str], value: str | int) -> bool:
@@ -243,7 +243,7 @@ def _parent(entry: Any) -> Parent:
 
 
 def _artifact(header: Header, contents: Contents) -> Artifact:
-    """Raises ValueError where the parts of the file contradict each other."""
+    """Build an artifact; raise ValueError if the parts of the file contradict each other."""
     attributes = contents.attributes
     fields = _header_fields(header)
     texts = {name: parse_record(contents, name) for name in _TEXTS}

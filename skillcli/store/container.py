@@ -1,4 +1,4 @@
-"""One file of the store: the block in front, and behind it HDF5 with text and integer attributes and plain arrays."""
+"""One file of the store: the block at its start, then HDF5 with text and integer attributes and plain arrays."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from skillcli.store.hdf5_safety import DTYPES, MAX_BYTES, PATH, plausible_total
 Array = NDArray[Any]
 Labels = Callable[[str, int], tuple[str, str]]
 Shapes = Mapping[str, tuple[int, ...]]
-Written = Mapping[str, tuple[str, str]]  # by path: dimension names and unit as they stand in the file
+Written = Mapping[str, tuple[str, str]]  # by path: dimension names and unit as in the file
 Check = Callable[[Mapping[str, Any], Shapes, Written], None]
 Compare = Callable[[int, Written, Shapes], None]
 
 RECORD = "record"
-"""Group of the JSON texts, kept as bytes because an attribute holds at most 64 kB."""
+"""Group of the JSON texts, stored as bytes because an attribute holds at most 64 kB."""
 
 _CHUNK_BYTES = 1 << 20
 _FORMAT = ("v110", "v110")  # readable since HDF5 1.10 (2016); small datasets cost no index of their own
@@ -39,14 +39,14 @@ _FORMAT = ("v110", "v110")  # readable since HDF5 1.10 (2016); small datasets co
 
 @dataclass(frozen=True)
 class Contents:
-    """What lies behind the block: attributes of the root, and arrays by path."""
+    """The HDF5 part of a file: attributes of the root, and arrays by path."""
 
     attributes: Mapping[str, str | int]
     arrays: Mapping[str, Array]
 
 
 def checked_arrays(arrays: Mapping[str, Any]) -> dict[str, Array]:
-    """The arrays as they are stored: little-endian, contiguous, of a type and under a path that can be read back.
+    """Return the arrays as they are stored: little-endian, contiguous, with a type and path that can be read back.
 
     Raises:
         StoreError: one of them cannot be stored.
@@ -67,39 +67,39 @@ def checked_arrays(arrays: Mapping[str, Any]) -> dict[str, Array]:
 
 
 def text_array(text: str) -> Array:
-    """A text as bytes, (n,) uint8."""
+    """Return a text as bytes, (n,) uint8."""
     return np.frombuffer(text.encode(), dtype=np.uint8)
 
 
 def parse_record(contents: Contents, name: str) -> Any:
-    """The JSON value kept under `record/NAME`.
+    """Return the JSON value stored under `record/NAME`.
 
     Raises:
         ValueError: it is not JSON text.
-        KeyError: it is not there.
+        KeyError: it is missing.
     """
     return parse(contents.arrays[f"{RECORD}/{name}"].tobytes())
 
 
 def pack(header: Mapping[str, Any], contents: Contents, labels: Labels, *, gzip: bool = True) -> memoryview:
-    """The bytes of a finished file.
+    """Return the bytes of a finished file.
 
-    Made in memory and written in one go, so that a full disk meets a plain write and not the middle of HDF5.
+    They are made in memory and written at once, so that a full disk fails in a plain write and not inside HDF5.
 
     Args:
         header: for the block; its `bytes` becomes the size of the file.
-        contents: what goes behind it.
+        contents: the HDF5 part.
         labels: from path and number of dimensions to the dimensions' names and the unit.
-        gzip: whether to pack what it makes smaller.
+        gzip: whether to compress arrays that get smaller.
 
     Raises:
-        StoreError: HDF5 cannot hold it.
+        StoreError: HDF5 cannot store it.
     """
     try:
         size = block.block_size({**header, "bytes": 10 * MAX_BYTES})
         total = sum(array.nbytes for array in contents.arrays.values())
         buffer = _write_hdf5(contents, labels, size, gzip)
-        if total > plausible_total(buffer.getbuffer().nbytes):  # mostly zeros: packed, it would look like a bomb
+        if total > plausible_total(buffer.getbuffer().nbytes):  # mostly zeros: compressed, it would look like a zip bomb
             buffer = _write_hdf5(contents, labels, size, gzip=False)
         known.remember(block.seal(buffer, {**header, "bytes": buffer.getbuffer().nbytes}, size))
     except FAULTS as error:
@@ -120,17 +120,17 @@ def _write_hdf5(contents: Contents, labels: Labels, block_size: int, gzip: bool)
 
 
 def peek(path: Path | str) -> dict[str, Any]:
-    """The header alone, a few kilobytes of the file.
+    """Read the header alone, a few kilobytes of the file.
 
     Raises:
-        StoreError: the file is not ours, or plainly not whole.
+        StoreError: the file does not belong to a store, or is not complete.
     """
     with _opened(path) as file:
         return _header(file)[0]
 
 
 def may_mention(path: Path | str, text: str) -> bool:
-    """Whether the header of a file may hold this JSON string; False only where it does not.
+    """Return whether the header of a file may contain this JSON string; never wrongly False.
 
     Raises:
         StoreError: the file cannot be read.
@@ -142,11 +142,11 @@ def may_mention(path: Path | str, text: str) -> bool:
 def unpack(path: Path, check: Check) -> tuple[dict[str, Any], Contents]:
     """Read a file that may be damaged or hostile: first its hash, then its structure, and only then its data.
 
-    What was not written here is parsed in a process of its own, see `quarantine`.
+    A file that was not written here is parsed in a separate process, see `quarantine`.
 
     Args:
         path: the file.
-        check: sees the header, and shape and labels of every array before any is read, and may raise a StoreError.
+        check: called with the header, and shape and labels of every array before any is read; may raise a StoreError.
 
     Raises:
         StoreError: the file is missing, damaged or refused.
@@ -174,7 +174,7 @@ def unpack(path: Path, check: Check) -> tuple[dict[str, Any], Contents]:
 
 
 def _end_of_hdf5(file: BinaryIO, start: int) -> int:
-    """Where the HDF5 part of a file says that it ends, bytes from the beginning of the file."""
+    """Return where the HDF5 part says that it ends, in bytes from the beginning of the file."""
     file.seek(start)
     superblock = file.read(64)
     place = 28 if superblock[8:9] >= b"\2" else 40  # HDF5 file format specification, version 3, II.A
@@ -195,7 +195,7 @@ def _read_elsewhere(file: BinaryIO, stored: int, compare: Compare) -> Contents:
 
 @contextmanager
 def reading(path: Path | str, hint: str = "restore it from a copy, or remove it") -> Iterator[None]:
-    """Turn whatever is found wrong with a file while reading it into one StoreError with this hint."""
+    """Turn any error of reading a file into one StoreError with this hint."""
     try:
         yield
     except FAULTS as error:
@@ -212,17 +212,17 @@ def _opened(path: Path | str) -> Iterator[BinaryIO]:
 
 
 def open_regular(path: Path | str) -> BinaryIO:
-    """Open a file for reading; a pipe, which would wait for ever, and whatever else is not a plain file is refused.
+    """Open a regular file for reading; refuse anything else, such as a pipe, which would block for ever.
 
     Raises:
         OSError: it cannot be opened.
-        ValueError: it is not a plain file.
+        ValueError: it is not a regular file.
     """
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)
         raise ValueError("it is not a file")
-    return os.fdopen(handle, "rb", buffering=0)  # read in large pieces, or a few kilobytes alone
+    return os.fdopen(handle, "rb", buffering=0)  # callers read large pieces, or a few kilobytes alone
 
 
 def _header(file: BinaryIO) -> tuple[dict[str, Any], int]:
@@ -234,17 +234,17 @@ def _header(file: BinaryIO) -> tuple[dict[str, Any], int]:
 
 
 def _storage(array: Array, gzip: bool) -> dict[str, Any]:
-    """How HDF5 is to store one array; single numbers and empty arrays cannot have a checksum of their own."""
+    """Choose how HDF5 stores one array; single numbers and empty arrays cannot have a checksum of their own."""
     if array.ndim == 0 or array.size == 0:
         return {}
     pieces = min(len(array), -(-array.nbytes // _CHUNK_BYTES))
-    rows = -(-len(array) // pieces)  # equal pieces: the last one is stored at full size too
+    rows = -(-len(array) // pieces)  # equal pieces: the last one takes its full size too
     packing = {"compression": "gzip", "compression_opts": 4, "shuffle": True} if gzip and _is_worth_packing(array) else {}
     return {"chunks": (rows, *array.shape[1:]), "fletcher32": True, **packing}
 
 
 def _is_worth_packing(array: Array) -> bool:
-    """Whether gzip saves a tenth, judged by the first 64 kB with bytes of equal significance put together."""
+    """Return whether gzip saves a tenth of the first 64 kB, with bytes of equal significance put together."""
     sample = array.ravel()[: max(1, (1 << 16) // array.itemsize)].tobytes()
     shuffled = np.frombuffer(sample, np.uint8).reshape(-1, array.itemsize).T.tobytes()
     return len(sample) >= 256 and len(zlib.compress(shuffled, 1)) < 0.9 * len(sample)

@@ -1,4 +1,4 @@
-"""What may go from a store: older versions that nothing kept was made from, and what killed processes left behind."""
+"""Find and remove garbage: older versions without children that are kept, and files of killed processes."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from skillcli.store.lock import locked
 from skillcli.store.store import Store
 
 GRACE_SECONDS = 3600.0
-"""What was written as lately as this stays: the next stage of a chain, or an import, may be about to need it. So does the
-checkpoint of a finished training: a repetition may be writing it."""
+"""Younger files stay: the next stage of a chain, or an import, may need them soon. The checkpoint of a finished training
+stays as long, because a repetition may be writing it."""
 
 HOLD_SECONDS = 2.0
-"""After so long, removing lets others have the lock, and then looks at everything again."""
+"""After so long, removal releases the lock to others, and then searches again."""
 
 _PAUSE_SECONDS = 0.1
 _CHECKPOINT = re.compile(r"\.checkpoint-(?P<kind>[a-z-]+)-(?P<inputs>[0-9a-f]{12})\.h5", re.ASCII)
-_DRAWING = re.compile(r"\..+-[a-z0-9_]{8}\.(rrd|png|pdf|svg)", re.ASCII)  # as `tempfile` names unfinished ones
+_DRAWING = re.compile(r"\..+-[a-z0-9_]{8}\.(rrd|png|pdf|svg)", re.ASCII)  # names of unfinished files, as `tempfile` makes them
 
 
 @dataclass(frozen=True)
 class Leftover:
-    """A file that is not an artifact and is of no more use."""
+    """A file that is not an artifact and no longer useful."""
 
     path: Path
     bytes: int
@@ -39,27 +39,27 @@ class Leftover:
 
 @dataclass(frozen=True)
 class Garbage:
-    """What would go, what stands in the way, and what is kept although it is not finished."""
+    """What can be removed, what prevents removal, and unfinished work that is kept."""
 
-    artifacts: list[Header]  # whatever was made from one stands before it
+    artifacts: list[Header]  # children before their parents
     leftovers: list[Leftover]
-    unreadable: list[Unreadable]  # as long as there are any, no artifact goes: they may be made from it
+    unreadable: list[Unreadable]  # if there are any, no artifact is removed: they may be its children
     unfinished: list[Path]  # checkpoints of interrupted work
-    young: list[Header]  # would go, but were written within GRACE_SECONDS
+    young: list[Header]  # garbage, but younger than GRACE_SECONDS
 
     @property
     def bytes(self) -> int:
-        """What would be won."""
+        """Bytes to be freed."""
         return sum(one.bytes for one in self.artifacts) + sum(one.bytes for one in self.leftovers)
 
 
 def find_garbage(store: Store, keep: int = 1) -> Garbage:
-    """Look, and change nothing.
+    """Find garbage and change nothing.
 
     Args:
-        store: where.
-        keep: how many of the newest versions of each NAME/STAGE stay; pins, what was just written and ancestors of what
-            stays do so too.
+        store: where to look.
+        keep: how many of the newest versions of each NAME/STAGE stay; so do pinned and very young artifacts, and the
+            ancestors of everything that stays.
 
     Raises:
         StoreError: the store cannot be listed.
@@ -78,8 +78,8 @@ def find_garbage(store: Store, keep: int = 1) -> Garbage:
 def collect_garbage(store: Store, keep: int = 1) -> Garbage:
     """Remove what `find_garbage` finds, and return it.
 
-    The lock is held for `HOLD_SECONDS` at a time. Whoever comes in between may have needed what was found before: each time,
-    everything is looked at again.
+    The lock is held for `HOLD_SECONDS` at a time. Another process may then need an artifact that was garbage before, so the
+    search is repeated each time.
 
     Raises:
         StoreError: the store is locked, or the disk refuses.
@@ -103,12 +103,12 @@ def _let_others_in() -> None:
 
 
 def _remove(store: Store, headers: list[Header], still_held: Callable[[], None]) -> list[Header]:
-    """Remove artifacts one after the other until the time is over; returns those that are gone."""
+    """Remove artifacts one by one until the time is over; return the removed ones."""
     end = time.monotonic() + HOLD_SECONDS
     for count, header in enumerate(headers):
         if count and time.monotonic() > end:
             return headers[:count]
-        still_held()  # the disk may have been slow enough for a writer to take the lock over
+        still_held()  # on a slow disk a writer may have taken over the lock
         store.unlink(header.id)
     return headers
 
@@ -123,7 +123,7 @@ def _remove_leftovers(leftovers: list[Leftover]) -> None:
 
 
 def _left_behind(store: Store, headers: Iterable[Header]) -> tuple[list[Leftover], list[Path]]:
-    """Files of no more use, and checkpoints that are."""
+    """List useless files, and checkpoints that are still useful."""
     finished = {(header.id.name, header.kind, header.inputs_sha256[:12]) for header in headers}
     leftovers, unfinished = [], []
     for path in listing.look(store.root).hidden:
@@ -136,7 +136,7 @@ def _left_behind(store: Store, headers: Iterable[Header]) -> tuple[list[Leftover
 
 
 def _why(path: Path, finished: bool) -> str:
-    """Why a hidden file is of no more use; "" where it may be."""
+    """Return why a hidden file is useless; "" if it may be useful."""
     if finished:
         return "checkpoint of a finished training" if _age(path) > GRACE_SECONDS else ""
     killed = is_left_over(path) if path.name.startswith(TEMPORARY) else False
@@ -145,7 +145,7 @@ def _why(path: Path, finished: bool) -> str:
 
 
 def _age(path: Path) -> float:
-    """Seconds since a file was last written, or until then where its time lies ahead; 0 when it has gone meanwhile."""
+    """Return the seconds since a file was last written, or until then if its time is in the future; 0 if it has vanished."""
     try:
         return abs(time.time() - path.lstat().st_mtime)
     except FileNotFoundError:
@@ -178,11 +178,11 @@ def _with_ancestors(known: Mapping[ArtifactId, Header], ids: Iterable[ArtifactId
 
 
 def _children_first(going: Mapping[ArtifactId, Header]) -> list[Header]:
-    """In an order in which nothing goes before what was made from it; circles, which only damage can make, last."""
+    """Sort so that children come before their parents; circles, which only damage can make, come last."""
     parents = {one: {parent.id for parent in header.parents} & going.keys() for one, header in going.items()}
     children = Counter(parent for each in parents.values() for parent in each)
     ordered = [one for one in reversed(list(going)) if not children[one]]
-    for one in ordered:  # grows meanwhile
+    for one in ordered:  # grows during the loop
         for parent in parents[one]:
             children[parent] -= 1
             if not children[parent]:

@@ -1,4 +1,4 @@
-"""What lies behind the block of a file: its structure, looked at before any data is read, and then the data."""
+"""Read the HDF5 part of a file: first its structure, then its data."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from skillcli.store.hdf5_safety import inspect, read_attributes
 
-# Whatever h5py, zlib and json raise at a file made to confuse them.
+# Errors that h5py, zlib and json raise for damaged or hostile files.
 FAULTS = (
     ArithmeticError,
     AttributeError,
@@ -31,17 +31,17 @@ FAULTS = (
 class Listing:
     """Everything in a file but its data."""
 
-    userblock: int  # bytes in front of the HDF5 part
+    userblock: int  # bytes before the HDF5 part
     attributes: Mapping[str, str | int]  # of the root
     labels: Mapping[str, tuple[str, str]]  # by path: dimension names, unit
     datasets: Mapping[str, h5py.Dataset]  # by path, sorted
 
 
 def list_contents(file: h5py.File, stored: int) -> Listing:
-    """Look through an open file of `stored` bytes.
+    """List an open file of `stored` bytes.
 
     Raises:
-        ValueError: something in it is refused; h5py raises others of `FAULTS` at damage.
+        ValueError: something in it is refused; h5py raises other `FAULTS` for damage.
     """
     datasets = inspect(file, stored)
     attributes = read_attributes("/", file["/"])
@@ -56,11 +56,11 @@ def list_contents(file: h5py.File, stored: int) -> Listing:
 
 
 def read_array(dataset: h5py.Dataset) -> NDArray[Any]:
-    """The data of one dataset, contiguous."""
+    """Read the data of one dataset, contiguous."""
     return np.ascontiguousarray(dataset[()]).reshape(dataset.shape)
 
 
 def first_line(error: BaseException) -> str:
-    """What an error says, in one line."""
-    text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)  # str() would add quotes
+    """Return the message of an error in one line."""
+    text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)  # str() of a KeyError adds quotes
     return (text.splitlines() or [type(error).__name__])[0]

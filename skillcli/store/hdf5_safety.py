@@ -1,8 +1,8 @@
-"""What a file must be before any of its data is read: it may come from anywhere, and HDF5 does what a file tells it.
+"""Check the structure of an HDF5 file before its data is read: the file may be hostile, and HDF5 obeys it.
 
 A hostile file can point outside itself (links, external storage, virtual datasets), declare gigabytes in a kilobyte,
-unpack to more than it declares, or name a group inside itself. Everything here looks only at the structure, apart from
-compressed chunks, which are unpacked in small steps and thrown away.
+unpack to more than it declares, or name a group inside itself. The checks here read only the structure, and compressed
+chunks, which are unpacked in small steps and thrown away.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ MAX_OBJECTS = 1000  # a large artifact has a hundred
 MAX_CHUNKS = 4000
 MAX_ATTRIBUTES = 16  # of one object
 MAX_ATTRIBUTE_BYTES = 1 << 12
-PLAUSIBLE_BYTES = 48 << 20  # however small the file
-PLAUSIBLE_RATIO = 3  # unpacked over stored, beyond that
+PLAUSIBLE_BYTES = 48 << 20  # allowed for a file of any size
+PLAUSIBLE_RATIO = 3  # unpacked over stored bytes, beyond that
 
-_TEXT = (h5py.h5t.CSET_UTF8, h5py.h5t.STR_NULLPAD)  # of the attributes that are written
+_TEXT = (h5py.h5t.CSET_UTF8, h5py.h5t.STR_NULLPAD)  # of the attributes that the store writes
 _FILTERS = (h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLETCHER32)
 
 
 def inspect(file: h5py.File, stored: int) -> dict[str, h5py.Dataset]:
-    """Walk the whole file without following anything.
+    """Walk the whole file without following any link.
 
     Args:
         file: an open file.
         stored: its size, bytes.
 
     Returns:
-        Its datasets by path; reading any of them is safe now.
+        Its datasets by path; now they are safe to read.
 
     Raises:
         ValueError: something in it is refused.
@@ -58,7 +58,7 @@ def inspect(file: h5py.File, stored: int) -> dict[str, h5py.Dataset]:
         raise ValueError(f"it has {chunks} chunks, at most {MAX_CHUNKS} are read")
     if (
         sum(_chunk_count(dataset) * _chunk_bytes(dataset) for dataset in chunked.values()) > 2 * limit
-    ):  # last ones may stick out
+    ):  # the last ones may be partly outside
         raise ValueError(f"its chunks unpack to more than twice the {limit} bytes that are read")
     for path, dataset in datasets.items():
         _check_storage(path, dataset)
@@ -66,7 +66,7 @@ def inspect(file: h5py.File, stored: int) -> dict[str, h5py.Dataset]:
 
 
 def plausible_total(stored: int) -> int:
-    """How many bytes of data a file of `stored` bytes may unpack to."""
+    """Return how many bytes of data a file of `stored` bytes may unpack to."""
     return min(MAX_BYTES, max(PLAUSIBLE_BYTES, PLAUSIBLE_RATIO * stored))
 
 
@@ -96,7 +96,7 @@ def _walk(file: h5py.File) -> dict[str, h5py.Dataset]:
 
 
 def _children(prefix: str, group: h5py.Group) -> list[tuple[str, bytes]]:
-    """Paths and raw names below a group, every one a plain entry with an ordinary name."""
+    """Return paths and raw names below a group; every entry must be plain with an ordinary name."""
     children = []
     links = group.id.links
     for raw in group.id:
@@ -110,7 +110,7 @@ def _children(prefix: str, group: h5py.Group) -> list[tuple[str, bytes]]:
 
 
 def read_attributes(path: str, item: Any) -> dict[str, str | int]:
-    """All attributes of an object, if they are of the two types that the store writes.
+    """Return all attributes of an object, which must be of the two types that the store writes.
 
     Raises:
         ValueError: one of them is not.
@@ -140,7 +140,7 @@ def _attribute_value(path: str, item: Any, attribute: Any) -> str | int:
 
 
 def _declared(path: str, dataset: h5py.Dataset) -> int:
-    """Bytes that the dataset takes in memory, if it is of a kind that may be read at all."""
+    """Return the bytes that a dataset takes in memory, if it is of an allowed type."""
     creation = dataset.id.get_create_plist()
     if creation.get_layout() == h5py.h5d.VIRTUAL:
         raise ValueError(f"{path} is a virtual dataset")
@@ -167,7 +167,7 @@ def _chunk_bytes(dataset: h5py.Dataset) -> int:
 
 
 def _check_storage(path: str, dataset: h5py.Dataset) -> None:
-    """Everything declared must be there, and compressed chunks must unpack to exactly what they should."""
+    """Check that all declared data is stored, and that compressed chunks unpack to their exact size."""
     creation = dataset.id.get_create_plist()
     filters = [creation.get_filter(i)[0] for i in range(creation.get_nfilters())]
     if filters != [code for code in _FILTERS if code in filters]:

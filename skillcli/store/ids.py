@@ -1,4 +1,4 @@
-"""Names of artifacts: `NAME/STAGE-vN`, one regular expression that parses them and one method that formats them."""
+"""Ids of artifacts, `NAME/STAGE-vN`: one regular expression parses them and one method formats them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from skillcli.errors import StoreError
 from skillcli.kinds import KINDS
 
 STAGES = tuple(KINDS)
-"""Every stage writes one kind of artifact, called after it."""
+"""Every stage writes one kind of artifact of the same name."""
 
 LAST_VERSION = 999_999_999
 
@@ -19,7 +19,7 @@ NAME = r"(?!.*\.\.)[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
 
 
 def file_pattern(before: str = "", after: str = "") -> re.Pattern[str]:
-    """An expression for `STAGE-vN` with groups `stage` and `version`, between two others, of every kind that there is."""
+    """Return a pattern for `STAGE-vN` with groups `stage` and `version`, between two others, for every kind."""
     return _file_pattern(before, after, tuple(KINDS))
 
 
@@ -70,16 +70,16 @@ class ArtifactId:
 
     @property
     def series(self) -> str:
-        """`NAME/STAGE`, what all versions have in common."""
+        """Return `NAME/STAGE`, which all versions share."""
         return f"{self.name}/{self.stage}"
 
     def path(self, root: Path) -> Path:
-        """Where the artifact lies in the store at `root`."""
+        """Return the artifact's path in the store at `root`."""
         return root / self.name / f"{self.stage}-v{self.version}.h5"
 
 
 def check_name(name: str) -> str:
-    """The name itself.
+    """Return the name if it is valid.
 
     Raises:
         StoreError: it cannot be the first part of an id.

@@ -1,7 +1,7 @@
-"""Which files were written here, on this account: their hashes, one a line, in the user's cache.
+"""The hashes of all files written here, one per line, in the user's cache.
 
-What was written here may be parsed by libhdf5 in this process; anything else, also a store that somebody sent as a whole, is
-read in a process of its own. Losing the list costs a moment for every file, nothing else.
+This process may parse them with libhdf5; any other file is read in a separate process, even if it came with a whole store.
+Losing the list costs a moment per file and nothing else.
 """
 
 from __future__ import annotations
@@ -12,20 +12,20 @@ from pathlib import Path
 
 from skillcli.cache import user_cache
 
-_LONGEST = 1 << 24  # bytes of the list, a quarter of a million files; then the older half is forgotten
+_LONGEST = 1 << 24  # bytes of the list, a quarter of a million files; beyond it the older half is dropped
 
 
 def is_known(digest: str) -> bool:
-    """Whether the file with this hash was written here."""
+    """Return whether the file with this hash was written here."""
     return digest in _digests()
 
 
 def remember(digest: str) -> None:
-    """Take note of a file that is being written. A list that cannot be written is as good as none."""
+    """Add the hash of a file that is being written. If the list cannot be written, nothing is remembered."""
     if digest in _digests():
         return
     _digests().add(digest)
-    with suppress(OSError, RuntimeError):  # no home at all
+    with suppress(OSError, RuntimeError):  # there may be no home folder
         path = _path()
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("a") as file:

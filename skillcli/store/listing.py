@@ -1,4 +1,4 @@
-"""What lies in a store's folder, judged by names alone, and the order in which artifacts are listed."""
+"""List a store by file names alone, and sort artifacts."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ _SUFFIX = r"\.h5"
 
 
 class Listing(NamedTuple):
-    """Everything in a store: the artifacts, newest last, and what is not whole or cannot be looked at."""
+    """The artifacts of a store, newest last, and what cannot be read."""
 
     headers: list[Header]
     unreadable: list[Unreadable]
 
 
 class Names(NamedTuple):
-    """What a store's folder and those of its names hold."""
+    """The files of a store's folder and of the folders below it."""
 
     ids: list[ArtifactId]
-    hidden: list[Path]  # files that begin with a dot: ours, whatever they are
-    strangers: list[Path]  # everything else
-    closed: list[Unreadable]  # folders of names, or of their pins, that cannot be listed
-    pinned: set[ArtifactId]  # of those there are
+    hidden: list[Path]  # files of skill whose names begin with a dot
+    strangers: list[Path]  # files of others
+    closed: list[Unreadable]  # folders of names or pins that cannot be listed
+    pinned: set[ArtifactId]  # pinned artifacts that exist
 
 
 def look(root: Path) -> Names:
-    """List a store's folder and those of its names; what goes meanwhile is left out, what is closed is named.
+    """List a store's folder and the folders below it; what vanishes meanwhile is left out, what cannot be listed is named.
 
     Raises:
         StoreError: the store's folder itself cannot be listed.
@@ -56,7 +56,7 @@ def look(root: Path) -> Names:
 
 
 def versions(root: Path, artifact_id: ArtifactId) -> list[ArtifactId]:
-    """Every artifact of the same NAME/STAGE, in the order of numbers.
+    """Return every artifact of the same NAME/STAGE by version.
 
     Raises:
         OSError: the folder cannot be listed.
@@ -71,7 +71,7 @@ def versions(root: Path, artifact_id: ArtifactId) -> list[ArtifactId]:
 
 
 def newest_last(headers: Iterable[Header]) -> list[Header]:
-    """Headers by time; within one NAME/STAGE the number decides, also where a clock was set back in between."""
+    """Sort headers by time; within one NAME/STAGE by version, even if a clock was set back."""
     latest: dict[tuple[str, str], str] = {}
     timed = []
     for header in sorted(headers, key=lambda one: one.id.version):
@@ -83,7 +83,7 @@ def newest_last(headers: Iterable[Header]) -> list[Header]:
 
 @contextmanager
 def _noted(found: Names, name: str, path: str) -> Iterator[None]:
-    """Note a folder that cannot be listed; one that has gone meanwhile is none."""
+    """Note a folder that cannot be listed, unless it has vanished."""
     try:
         yield
     except FileNotFoundError:

@@ -1,12 +1,12 @@
-"""One lock per store: a symbolic link `.lock` that leads nowhere, whose target is the owner in a few letters.
+"""One lock per store: a symbolic link `.lock` without a file behind it, whose target names the owner.
 
-A link appears together with its text or not at all, and only where there is none: nobody sees a lock without an owner, not
-even after a kill. It takes no block of the disk, so that a full one can be locked for removing something. Where links cannot
-be made, it is a file with the same text. Advisory locks of the system are missing on many network file systems.
+A link appears together with its text, and only if there is none: no lock is ever without an owner, even after a kill. It
+takes no block of the disk, so a store on a full disk can still be locked to remove something. Where links cannot be made,
+the lock is a file with the same text. Advisory locks of the system are missing on many network file systems.
 
-It is held for the moments in which names appear or vanish, never while anything is computed. Whoever dies inside leaves
-it behind; on the same machine that is seen and put right at once, elsewhere after `ABANDONED_SECONDS` without a change.
-Version numbers do not depend on it: they are taken by exclusive creation.
+The lock is held only while names appear or vanish, never during computation. A process that dies leaves its lock behind;
+on the same machine this is detected at once, elsewhere after `ABANDONED_SECONDS` without a change. Version numbers do not
+depend on the lock: they are claimed by exclusive creation.
 """
 
 from __future__ import annotations
@@ -30,54 +30,54 @@ from skillcli.store.atomic import make_folder, storage_errors
 from skillcli.store.process import boot_tag, booted, host_tag, is_running, machine_tag, started
 
 LOCK = ".lock"
-PATIENCE_SECONDS = 10.0  # of a person who removes or imports something
-ABANDONED_SECONDS = 120.0  # nobody holds the lock a tenth as long
+PATIENCE_SECONDS = 10.0  # how long a user waits
+ABANDONED_SECONDS = 120.0  # longer than any process holds the lock, by a factor of ten
 
-_LONGEST = 59  # bytes: ext4 keeps a target as long as this in the inode, most others keep more
+_LONGEST = 59  # bytes: ext4 stores a target of this length in the inode, most other file systems a longer one
 _OWNER = re.compile(
     r"skill:(?P<token>[0-9a-f]{6}):(?P<host>[0-9a-f]{6}|):(?P<boot>[0-9a-f]{4}):(?P<machine>[0-9a-f]{8}):"
     r"(?P<pid>[1-9a-f][0-9a-f]{0,7}):(?P<started>[0-9a-f]{0,16}):(?P<name>[A-Za-z0-9._-]*)",
     re.ASCII,
 )
-_given_up: set[str] = set()  # locks of this process that are no longer held, only removing them failed
+_given_up: set[str] = set()  # locks of this process that could not be removed
 _NO_LINKS = (errno.EPERM, errno.ENOSYS, errno.EOPNOTSUPP)  # FAT and some network file systems
 
 
 @dataclass(frozen=True)
 class Owner:
-    """Who holds a lock."""
+    """The process that holds a lock."""
 
-    host: str  # tag of the machine, "" where it has none
-    boot: str  # tag of its last start then
-    machine: str  # tag of both, and of the space of process numbers: containers have their own
+    host: str  # tag of the machine, "" if it has none
+    boot: str  # tag of its last start
+    machine: str  # tag of both, and of the process number space: containers have their own
     pid: int
-    started: str  # the kernel's clock ticks, hexadecimal; "" where unknown
+    started: str  # kernel clock ticks, hexadecimal; "" if unknown
     name: str  # beginning of the machine's name
     since: float  # seconds since 1970, by the clock of the file system
 
     def __str__(self) -> str:
-        """As it stands in messages."""
+        """Describe the owner in messages."""
         age = max(0.0, time.time() - self.since)
         return f"process {self.pid} on {self.name or 'another machine'} since {age:.0f} s"
 
     @property
     def here(self) -> bool:
-        """Whether it is a process of this machine, whose end can be seen."""
+        """Return whether the owner is a process of this machine, whose end can be detected."""
         return self.machine == machine_tag()
 
     @property
     def gone(self) -> bool:
-        """Whether the process is known to have ended: it is not running here, or this machine has started since."""
+        """Return whether the process is known to have ended: it is not running here, or this machine has restarted."""
         if self.here:
             return not is_running(self.pid, str(int(self.started, 16)) if self.started else "")
         return bool(self.host) and self.host == host_tag() and self.boot != boot_tag() and self.since < booted()
 
 
 class _Seen(NamedTuple):
-    """A lock as it is found."""
+    """A lock as it was found."""
 
     text: str
-    owner: Owner | None  # None: nothing legible
+    owner: Owner | None  # None: not legible
 
 
 @contextmanager
@@ -85,15 +85,15 @@ def locked(root: Path, *, take_over: bool = False, patience: float | None = None
     """Hold the lock of the store at `root`.
 
     Args:
-        root: the store's folder, created where needed.
+        root: the store's folder, created if needed.
         take_over: for work that must not be lost: after `ABANDONED_SECONDS` of the same owner, take the lock from it.
-        patience: seconds to wait for one owner otherwise; `PATIENCE_SECONDS` where none are given.
+        patience: seconds to wait for one owner otherwise; None for `PATIENCE_SECONDS`.
 
     Yields:
-        A function that raises a StoreError once somebody else has taken the lock over.
+        A function that raises a StoreError once another process has taken over the lock.
 
     Raises:
-        StoreError: somebody else keeps it, what lies there is no lock, or the folder cannot be written.
+        StoreError: another process keeps the lock, the file is not a lock, or the folder cannot be written.
     """
     path = root / LOCK
     with storage_errors(f"lock {root}"):
@@ -112,15 +112,15 @@ def locked(root: Path, *, take_over: bool = False, patience: float | None = None
         try:
             if _text(path) == text:
                 path.unlink()
-        except (OSError, StoreError):  # what was done under the lock is done; whoever comes next finds it left behind
+        except (OSError, StoreError):  # the work under the lock is done; the next process finds it abandoned
             _given_up.add(text)
 
 
 def unlock(root: Path, *, force: bool = False) -> Owner | None:
-    """Remove a lock that was left behind, and say whose it was.
+    """Remove a lock that was left behind, and return its owner.
 
     Raises:
-        StoreError: its owner is still at work here, and `force` is not given; or what lies there is no lock.
+        StoreError: its owner still runs here, and `force` is not given; or the file is not a lock.
     """
     path = root / LOCK
     with storage_errors(f"unlock {root}"):
@@ -135,7 +135,7 @@ def unlock(root: Path, *, force: bool = False) -> Owner | None:
 
 
 def _acquire(path: Path, take_over: bool, patience: float) -> str:
-    """Make the lock, waiting for others; returns its text."""
+    """Create the lock, waiting for others; return its text."""
     text = _mine()
     before, since = "", time.monotonic()
     while not _create(path, text):
@@ -164,9 +164,9 @@ def _mine() -> str:
 
 
 def _create(path: Path, text: str) -> bool:
-    """Make the lock; False when there is one."""
+    """Create the lock; return False if there is one."""
     try:
-        os.symlink(text, path)  # noqa: PTH211 - the text is no path
+        os.symlink(text, path)  # noqa: PTH211 - the text is not a path
     except FileExistsError:
         return False
     except OSError as error:
@@ -184,7 +184,7 @@ def _create_file(path: Path, text: str) -> bool:
     try:
         os.write(handle, text.encode())
     except OSError:
-        path.unlink()  # a full disk must not leave a lock that nobody owns
+        path.unlink()  # a full disk must not leave a lock without an owner
         raise
     finally:
         os.close(handle)
@@ -192,10 +192,10 @@ def _create_file(path: Path, text: str) -> bool:
 
 
 def _look(path: Path) -> _Seen | None:
-    """The lock that is there, or None.
+    """Return the present lock, or None.
 
     Raises:
-        StoreError: what is there is something else, which is not ours to wait for or to remove.
+        StoreError: the file is not a lock, so it must neither be waited for nor removed.
         OSError: it cannot be read.
     """
     try:
@@ -203,7 +203,7 @@ def _look(path: Path) -> _Seen | None:
     except FileNotFoundError:
         return None
     text = _text(path)
-    if text is None:  # gone meanwhile
+    if text is None:  # it has vanished
         return None
     found = _OWNER.fullmatch(text)
     if not found:
@@ -213,21 +213,21 @@ def _look(path: Path) -> _Seen | None:
 
 
 def _text(path: Path) -> str | None:
-    """What a lock says; None where there is none.
+    """Return the text of a lock; None without one.
 
     Raises:
-        StoreError: what is there is no lock.
+        StoreError: the file is not a lock.
         OSError: it cannot be read.
     """
     try:
         mode = path.lstat().st_mode
         if stat.S_ISREG(mode):
             return _read(path)
-        text = os.readlink(path) if stat.S_ISLNK(mode) else ""  # noqa: PTH115 - no path
+        text = os.readlink(path) if stat.S_ISLNK(mode) else ""  # noqa: PTH115 - not a path
     except FileNotFoundError:
         return None
     except OSError as error:
-        if error.errno in (errno.EINVAL, errno.ELOOP):  # another kind of lock meanwhile
+        if error.errno in (errno.EINVAL, errno.ELOOP):  # the lock changed its kind meanwhile
             return None
         raise
     if not _OWNER.fullmatch(text):
@@ -247,8 +247,8 @@ def _read(path: Path) -> str:
 def _break(path: Path, text: str) -> None:
     """Remove the lock with this text, never one that was taken since.
 
-    Those who break locks exclude each other by a lock of the system on the folder: whoever holds it and still finds the
-    same text may remove it.
+    Processes that break locks exclude each other by a system lock on the folder: whoever holds it and still finds the same
+    text may remove it.
     """
     handle = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:

@@ -1,4 +1,4 @@
-"""From older schemas to the present one: the migrations of a kind, applied one after the other in one step."""
+"""Migrate from older schemas to the present one: apply a kind's migrations one after another."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from skillcli.store.artifact import ORIGIN, Artifact, Draft
 
 
 def brought_up(old: Artifact) -> tuple[Arrays, Results]:
-    """Arrays and results of an artifact in the present schema, whatever its own is.
+    """Return arrays and results of an artifact in the present schema.
 
     Raises:
-        StoreError: it lacks what it should hold.
+        StoreError: a required part is missing.
     """
     arrays, results, spec = dict(old.arrays), dict(old.results), KINDS[old.kind]
     try:
@@ -24,10 +24,10 @@ def brought_up(old: Artifact) -> tuple[Arrays, Results]:
 
 
 def migrated(old: Artifact, command: str) -> Draft:
-    """An artifact of an older schema in the present one, as a new version of the same series.
+    """Return an artifact of an older schema in the present one, as a new version of the same series.
 
     Raises:
-        StoreError: it has the present schema, or lacks what it should hold.
+        StoreError: it has the present schema, or a required part is missing.
     """
     version = KINDS[old.kind].version
     if old.schema_version >= version:

@@ -1,4 +1,4 @@
-"""Artifacts that must stay: an empty file `NAME/.pins/STAGE-vN` each, beside what it protects and without touching it."""
+"""Pinned artifacts: an empty file `NAME/.pins/STAGE-vN` each; the artifact's own file is not touched."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ FOLDER = ".pins"
 
 
 def is_pinned(path: Path) -> bool:
-    """Whether the artifact in this file is pinned.
+    """Return whether the artifact in this file is pinned.
 
     Raises:
-        OSError: that cannot be seen.
+        OSError: the folder cannot be read.
     """
     return _pin(path).exists()
 

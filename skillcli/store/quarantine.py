@@ -1,8 +1,8 @@
-"""Reading files from elsewhere: in a process of its own, with bounded memory, CPU and time.
+"""Read files from elsewhere in a separate process, with bounded memory, CPU and time.
 
-What libhdf5 does with damaged metadata cannot be trusted: a B-tree that is its own child ends in signal 11. So a file that
-was not written here is parsed by `quarantine_child`, and nothing but plain bytes comes back: a description as JSON, and the
-raw numbers of every array. A process that dies says that the file is not to be read.
+libhdf5 can crash on damaged metadata: a B-tree that is its own child ends in signal 11. So `quarantine_child` parses any
+file that was not written here, and only plain bytes come back: a description as JSON, and the raw numbers of every array.
+If the process dies, the file is refused.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from skillcli.store.hdf5_safety import DTYPES, MAX_OBJECTS, PATH
 Array = NDArray[Any]
 
 MAX_DATA_BYTES = 96 << 20
-"""Of all arrays of a file from elsewhere together. With three copies of that, a command stays below half a gigabyte."""
+"""Limit for all arrays of a file from elsewhere. With three copies of them, a command stays below half a gigabyte."""
 
 MAX_FILE_BYTES = 128 << 20  # of a file from elsewhere
 _MAX_TEXT = 4 << 20  # of the description
 
 CPU_SECONDS = 3
 WALL_SECONDS = 20
-ADDRESS_BYTES = 400 << 20  # h5py takes a quarter of it, the largest array that is let in another
+ADDRESS_BYTES = 400 << 20  # h5py takes a quarter of it, the largest allowed array another
 
 INTEGER = struct.Struct("<q")
 FINE, REFUSED = b"\0", b"\1"
@@ -49,10 +49,10 @@ _DEATHS = {
 
 
 class Description:
-    """What the child says is in a file, in a form that can be trusted.
+    """The checked description of a file's content, as the child sends it.
 
     Raises:
-        ValueError: it is not such a form, or more than is read.
+        ValueError: it has another form, or exceeds a limit.
     """
 
     def __init__(self, told: Any) -> None:
@@ -71,7 +71,7 @@ class Description:
 
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
-        """Shape of every array, by path."""
+        """Return the shape of every array by path."""
         return {path: shape for path, _, shape in self.arrays}
 
 
@@ -80,10 +80,10 @@ def read_elsewhere(file: BinaryIO, check: Callable[[Description], None]) -> tupl
 
     Args:
         file: open, unbuffered; its position may change.
-        check: sees the description before any data is read, and may raise.
+        check: called with the description before any data is read; may raise.
 
     Raises:
-        ValueError: the file is refused, or was the death of the process that read it.
+        ValueError: the file is refused, or crashed the process that read it.
         StoreError: no such process could be started.
     """
     with _LOCK:
@@ -96,7 +96,7 @@ def read_elsewhere(file: BinaryIO, check: Callable[[Description], None]) -> tupl
 
 @contextmanager
 def _asked(file: BinaryIO) -> Iterator[tuple[BinaryIO, int]]:
-    """Hand a file to the child; yields where its answer comes, and where to tell it to go on."""
+    """Hand a file to the child; yield the pipe of its answer, and the descriptor that tells it to continue."""
     with ExitStack() as ours:
         with ExitStack() as theirs:
             answer, answer_end = os.pipe()
@@ -108,7 +108,7 @@ def _asked(file: BinaryIO) -> Iterator[tuple[BinaryIO, int]]:
             _CHILD.request([file.fileno(), answer_end, control])
         asked = ExitStack()
         asked.callback(_CHILD.wait)
-        asked.push(ours.pop_all())  # closed first: without a word to go on, the process ends
+        asked.push(ours.pop_all())  # closed first: without permission to continue, the process ends
         with asked:
             yield reading, go_on
 
@@ -117,7 +117,7 @@ def _receive(answer: BinaryIO, go_on: int, check: Callable[[Description], None])
     _expect_fine(answer)
     described = Description(json.loads(_text(answer)))
     check(described)
-    with suppress(BrokenPipeError):  # it has ended: the next read says so
+    with suppress(BrokenPipeError):  # it has ended: the next read fails
         os.write(go_on, FINE)
     arrays = {}
     for path, kind, shape in described.arrays:
@@ -165,15 +165,15 @@ def _death(exit_code: int) -> str:
 
 
 class _Child:
-    """The process that forks a reader for every file: started when first needed, and anew where it has ended."""
+    """The process that forks a reader for every file: started when first needed, and again if it has ended."""
 
     def __init__(self) -> None:
-        self.last_exit = 0  # of the reader before, as `subprocess` tells it
+        self.last_exit = 0  # of the last reader, as in `subprocess`
         self._channel: socket.socket | None = None
-        self._owner = 0  # the process that started it: one that was forked since needs another
+        self._owner = 0  # the process that started it: a forked process needs its own
 
     def request(self, handles: Sequence[int]) -> None:
-        """Hand over the three descriptors of one request.
+        """Send the three descriptors of one request.
 
         Raises:
             StoreError: no process can be started.
@@ -189,7 +189,7 @@ class _Child:
         raise StoreError("the process that reads files from elsewhere keeps ending", "check the limits of memory and processes")
 
     def wait(self) -> None:
-        """Take note of how the reader ended."""
+        """Record how the reader ended."""
         try:
             assert self._channel is not None
             self.last_exit = INTEGER.unpack(self._channel.recv(INTEGER.size, socket.MSG_WAITALL))[0]
@@ -198,7 +198,7 @@ class _Child:
             self.close()
 
     def close(self) -> None:
-        """Let it end."""
+        """Close the channel, which ends the process."""
         if self._channel is not None:
             self._channel.close()
             self._channel = None
@@ -208,9 +208,9 @@ def _start() -> socket.socket:
     ours, theirs = socket.socketpair()
     environment = {
         **os.environ,
-        "OPENBLAS_NUM_THREADS": "1",  # threads cost address space, and a fork keeps none
+        "OPENBLAS_NUM_THREADS": "1",  # threads cost address space, and a fork has none
         "OMP_NUM_THREADS": "1",
-        "HDF5_PLUGIN_PRELOAD": "::",  # no code beside HDF5's own
+        "HDF5_PLUGIN_PRELOAD": "::",  # load no filter plugins
     }
     command = [sys.executable, "-P", "-m", "skillcli.store.quarantine_child", str(theirs.fileno())]
     with theirs:
@@ -222,7 +222,7 @@ def _start() -> socket.socket:
         except OSError as error:
             ours.close()
             raise StoreError(f"cannot start the process that reads files from elsewhere: {error.strerror}") from error
-    process.returncode = 0  # it ends with the channel, and nobody waits for it
+    process.returncode = 0  # it ends with the channel, and is never waited for
     if ours.recv(1) != FINE:
         ours.close()
         raise StoreError(

@@ -1,7 +1,7 @@
-"""The process in which files from elsewhere meet libhdf5: what such a file does to it, it does to this process alone.
+"""The process in which libhdf5 parses files from elsewhere: a crash ends this process only.
 
-Started as `python -m skillcli.store.quarantine_child CHANNEL`. It imports h5py once and forks a fresh process for every
-file, so that no file meets what another left behind. `skillcli.store.quarantine` is the other side and says what is sent.
+It is started as `python -m skillcli.store.quarantine_child CHANNEL`, imports h5py once and forks a fresh process for every
+file, so that no file can affect the next. `skillcli.store.quarantine` is the other side and describes the messages.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from skillcli.store.quarantine import ADDRESS_BYTES, CPU_SECONDS, FINE, INTEGER,
 
 
 def serve(channel: socket.socket) -> None:
-    """Fork a reader for every request until the channel closes, and tell how each one ended.
+    """Fork a reader for every request until the channel closes, and report how each one ended.
 
-    A request is one byte with three descriptors: the file, where to write the answer, where to read whether to go on.
+    A request is one byte with three descriptors: the file, the pipe for the answer, and the pipe that tells it to continue.
     """
     while True:
         request, handles, _, _ = socket.recv_fds(channel, 1, 3)
@@ -49,7 +49,7 @@ def _read_and_exit(file: int, answer: int, go_on: int) -> NoReturn:
 
 
 def _limit() -> None:
-    """Bound what one file may take; the system ends the process beyond that."""
+    """Limit the resources for one file; the system ends the process beyond them."""
     resource.setrlimit(resource.RLIMIT_CPU, (CPU_SECONDS, CPU_SECONDS + 1))
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_BYTES, ADDRESS_BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -57,7 +57,7 @@ def _limit() -> None:
 
 
 def _answer(source: BinaryIO, sink: BinaryIO, control: BinaryIO) -> None:
-    """Say what is in the file; when told to go on, send every array, each behind a byte that says whether it could be read."""
+    """Describe the file; when told to continue, send every array, each after a byte that says whether it could be read."""
     try:
         file = h5py.File(source, "r")
         listing = list_contents(file, os.fstat(source.fileno()).st_size)
@@ -92,7 +92,7 @@ def _send(sink: BinaryIO, verdict: bytes, text: bytes) -> None:
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what Ctrl-C means; a closed channel ends this
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C; a closed channel ends this process
     with socket.socket(fileno=int(sys.argv[1])) as parent:
         parent.sendall(FINE)
         serve(parent)

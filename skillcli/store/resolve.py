@@ -1,4 +1,4 @@
-"""From what a user types to one artifact id: full ids, series and prefixes, without touching the disk."""
+"""Resolve what a user types to one artifact id: full ids, series and prefixes, without reading the disk."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ _SHOWN = 5
 
 
 def match(text: str, known: Iterable[ArtifactId], kinds: Sequence[str] = ()) -> ArtifactId:
-    """The artifact meant by a full id, `NAME/STAGE` (its newest version) or a unique prefix of either.
+    """Return the artifact of a full id, `NAME/STAGE` (its newest version) or a unique prefix of either.
 
     Args:
-        text: what was typed.
-        known: every id there is.
-        kinds: which kinds will do; empty for any.
+        text: as typed.
+        known: all existing ids.
+        kinds: accepted kinds; empty for any.
 
     Raises:
-        UnknownArtifact: nothing, or more than one series, answers to the text.
+        UnknownArtifact: the text matches nothing, or more than one series.
         StoreError: the text cannot be an id, or names an artifact of another kind.
     """
     if not _PREFIX.fullmatch(text):
@@ -43,7 +43,7 @@ def match(text: str, known: Iterable[ArtifactId], kinds: Sequence[str] = ()) -> 
 
 
 def unknown(text: str, known: Sequence[ArtifactId]) -> UnknownArtifact:
-    """The error for an id that is not there, with near misses or else what is available as its hint."""
+    """Make the error for an unknown id; its hint lists similar ids, or else all available ones."""
     names = sorted({str(one) for one in known} | {one.series for one in known})
     near = difflib.get_close_matches(text, names, n=3, cutoff=0.6)
     hint = f"did you mean {' or '.join(near)}?" if near else _available(known)
@@ -51,7 +51,7 @@ def unknown(text: str, known: Sequence[ArtifactId]) -> UnknownArtifact:
 
 
 def _candidates(text: str, known: Sequence[ArtifactId]) -> list[ArtifactId]:
-    # A complete id or name means itself even where it is also the beginning of another.
+    # A complete id or name has priority, even if it is also the beginning of another.
     if file_pattern(f"{NAME}/").fullmatch(text):
         return [one for one in known if str(one) == text]
     return [one for one in known if one.name == text] or [one for one in known if str(one).startswith(text)]

@@ -1,6 +1,6 @@
-"""Whether results are what their kind says: the keys that tables, figures and later stages read, with their types.
+"""Check results against their kind: the keys, with types, that tables, figures and later stages read.
 
-More may stand there. What an earlier skill did not write is optional, or comes in by migration.
+Further keys are allowed. Keys that an earlier skill did not write are optional, or added by migration.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class ListOf:
     """A list."""
 
     of: Form
-    count: int = 0  # exactly so many; 0 for any number
+    count: int = 0  # exact length; 0 for any
 
 
 @dataclass(frozen=True)
@@ -42,13 +42,13 @@ class Maybe:
 
 @dataclass(frozen=True)
 class Optional:
-    """What may be absent; an earlier skill did not say it."""
+    """A key that may be missing, because an earlier skill did not write it."""
 
     form: Form
 
 
 def complaints(kind: str, results: Mapping[str, Any], measured: Mapping[str, Any]) -> Iterator[str]:
-    """What results and measurements lack of what their kind says, one line each."""
+    """List where results and measurements disagree with their kind, one line each."""
     spec = kind_spec(kind)
     yield from _against(_form(spec.results), results, "results")
     yield from _against(_form(spec.measured), measured, "measured")

@@ -1,7 +1,7 @@
-"""Whether arrays are what their kind says: a pattern per array with its dimensions, unit, and whether it must be there.
+"""Check arrays against their kind: a pattern for each array with its dimensions, its unit, and whether it is required.
 
-A pattern's `*` stands for one name, `**` for any path below. Dimensions are named; within a folder the same name means
-the same size, and `step+1` is one more than `step`. `...` stands for any further dimensions.
+In a pattern, `*` stands for one name and `**` for any path below. Dimensions are named; within a folder the same name
+means the same size, and `step+1` is one more than `step`. `...` stands for any further dimensions.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ Shape = tuple[int, ...]
 
 FIXED = {"xyz": 3, "xy": 2, "pose": 7, "bound": 2, "member": 2}
 SHARED = {"skill", "latent"}  # mean the same in every folder of a file
-FREE = {"iteration"}  # every curve may have its own pace
+FREE = {"iteration"}  # every curve may have its own length
 
 
 def check_parents(kind: str, parents: Sequence[str], label: str) -> None:
-    """Refuse parents that no artifact of this kind is made from; `parents` are their kinds.
+    """Refuse parents that do not fit this kind; `parents` are their kinds.
 
     Raises:
         StoreError: there are too many or too few, or one is of another kind.
@@ -38,15 +38,15 @@ def check_parents(kind: str, parents: Sequence[str], label: str) -> None:
 
 
 def is_older(kind: str, version: int) -> bool:
-    """Whether an artifact must be migrated before it can be used."""
+    """Return whether an artifact must be migrated before use."""
     return version < KINDS[kind].version
 
 
 def check_not_newer(kind: str, version: int, label: str) -> None:
-    """Refuse what only a later `skill` can read.
+    """Refuse an artifact of a newer `skill`.
 
     Raises:
-        StoreError: the schema is newer than ours.
+        StoreError: its schema is newer than ours.
     """
     ours = KINDS[kind].version
     if version > ours:
@@ -57,10 +57,10 @@ def check_not_newer(kind: str, version: int, label: str) -> None:
 
 
 def check_arrays(kind: str, shapes: Mapping[str, Shape], label: str) -> None:
-    """Compare the arrays of an artifact with the table.
+    """Compare the arrays of an artifact with its kind.
 
     Raises:
-        StoreError: a required array lacks, a path is unknown, or named dimensions do not agree.
+        StoreError: a required array is missing, a path is unknown, or sizes of dimensions disagree.
     """
     fields = KINDS[kind].fields
     problems = _missing(KINDS[kind], shapes)
@@ -76,7 +76,7 @@ def check_arrays(kind: str, shapes: Mapping[str, Shape], label: str) -> None:
 
 
 def refuse(problems: Sequence[str], label: str) -> None:
-    """Say the first few things that are wrong with an artifact, if there are any.
+    """Raise an error with the first few problems of an artifact, if there are any.
 
     Raises:
         StoreError: there are.
@@ -87,7 +87,7 @@ def refuse(problems: Sequence[str], label: str) -> None:
 
 
 def sizes(kind: str, shapes: Mapping[str, Shape]) -> dict[str, int]:
-    """Sizes of the named dimensions of arrays that fit the table: "skill", "trajectories: step"."""
+    """Return the sizes of the named dimensions of valid arrays: "skill", "trajectories: step"."""
     found: dict[str, tuple[int, str]] = {}
     for path, shape in sorted(shapes.items()):
         if field := _field(KINDS[kind].fields, path):
@@ -96,13 +96,13 @@ def sizes(kind: str, shapes: Mapping[str, Shape]) -> dict[str, int]:
 
 
 def values_of(kind: str, path: str) -> Values:
-    """What the array at a path holds."""
+    """Return the range of values of the array at a path."""
     field = _field(KINDS[kind].fields, path)
     return field.values if field else CURVE
 
 
 def labels(kind: str, path: str, ndim: int) -> tuple[str, str]:
-    """Dimension names, comma separated, and the unit of one array; dimensions without a name are called axisN."""
+    """Return dimension names, comma separated, and the unit of one array; dimensions without a name are called axisN."""
     field = _field(KINDS[kind].fields, path) or Field("...")
     names = [name for name in field.dimensions.split(",") if name != "..."]
     return ",".join(names + [f"axis{i}" for i in range(len(names), ndim)]), field.unit
@@ -130,7 +130,7 @@ def _missing(spec: AnyKind, shapes: Mapping[str, Shape]) -> list[str]:
 
 
 def _disagreements(path: str, shape: Shape, dimensions: str, sizes: dict[str, tuple[int, str]]) -> list[str]:
-    """Where one array contradicts the sizes that earlier ones gave to its dimensions; new names join `sizes`."""
+    """List where an array contradicts the sizes of dimensions so far; its new names join `sizes`."""
     names = dimensions.split(",")
     if names[-1] == "...":
         names = names[:-1]

@@ -1,4 +1,4 @@
-"""The artifact store: a folder of files that are written once, checked at every reading, and never overwritten."""
+"""The artifact store: a folder of files that are written once, checked whenever they are read, and never overwritten."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from skillcli.store.resolve import match, unknown
 
 @dataclass(frozen=True)
 class Store:
-    """The artifacts below one folder, which is created when something is first written.
+    """The artifacts below one folder, which is created at the first write.
 
     Args:
         root: the folder.
@@ -32,14 +32,14 @@ class Store:
     root: Path
 
     def write(self, draft: Draft) -> Artifact:
-        """Keep a result for good under the next version of its name and kind.
+        """Store a result under the next version of its name and kind.
 
         Returns:
-            The artifact as it was read back from the disk.
+            The artifact as read back from the disk.
 
         Raises:
-            StoreError: the draft does not fit its kind, a parent is missing, or the disk refuses. Nothing is left
-                under the artifact's name.
+            StoreError: the draft does not fit its kind, a parent is missing, or the disk refuses. Nothing is left under the
+                artifact's name.
         """
         draft = codec.check_draft(draft)
         parents = tuple(Parent(one, self.header(one).content_sha256) for one in draft.parents)
@@ -54,16 +54,16 @@ class Store:
         admit: Callable[[], None] = lambda: None,
         replace: bool = False,
     ) -> Artifact:
-        """Keep a finished artifact under its own id, whose version the caller has claimed.
+        """Store a finished artifact under its own id, whose version the caller has claimed.
 
         Args:
-            artifact: what to keep.
-            needed: must still be in the store, unchanged, when the artifact gets its name.
+            artifact: what to store.
+            needed: parents that must still be in the store, unchanged, when the artifact gets its name.
             admit: called under the lock before that; may raise to refuse it.
             replace: whether a file with this id may be replaced.
 
         Raises:
-            StoreError: as `write`.
+            StoreError: see `write`.
         """
 
         def check(path: Path) -> Artifact:
@@ -77,7 +77,7 @@ class Store:
 
     @contextmanager
     def _naming(self, artifact_id: ArtifactId, needed: Sequence[Parent], admit: Callable[[], None]) -> Iterator[None]:
-        """Hold the lock while an artifact gets its name: nobody removes its parents in that moment."""
+        """Hold the lock while an artifact gets its name, so that nobody removes its parents."""
         with locked(self.root, take_over=True) as still_held:
             for parent in needed:
                 if problem := self.parent_problem(parent):
@@ -87,7 +87,7 @@ class Store:
             yield
 
     def migrate(self, artifact_id: ArtifactId, command: str) -> Artifact:
-        """Make a new version of an artifact in the present schema; the original stays as it is, parents are kept.
+        """Make a new version of an artifact in the present schema; the original is kept, and so are the parents.
 
         Raises:
             StoreError: it has the present schema or a newer one, is damaged, or the store refuses.
@@ -98,10 +98,10 @@ class Store:
         return self.put(codec.finish(draft, version, old.parents))
 
     def current(self, artifact_id: ArtifactId) -> ArtifactId:
-        """The artifact itself or, where its schema is older, the newest one that was migrated from it.
+        """Return the artifact itself or, if its schema is older, the newest one that was migrated from it.
 
         Raises:
-            StoreError: the artifact is not there or damaged.
+            StoreError: the artifact is missing or damaged.
         """
         header = self.header(artifact_id)
         if not schema.is_older(header.kind, header.schema_version):
@@ -110,17 +110,17 @@ class Store:
         return next((one for one in later if self._origin(one) == header.content_sha256), artifact_id)
 
     def _origin(self, artifact_id: ArtifactId) -> str:
-        """Content hash of what an artifact was migrated from, "" for any other."""
+        """Return the content hash of the original of a migrated artifact, "" for any other."""
         try:
             return str(self.read(artifact_id).origin.get("content_sha256", ""))
         except StoreError:
             return ""
 
     def check_writable(self, name: str) -> None:
-        """Find out before the work whether its result could be written.
+        """Check before the work whether its result could be written.
 
         Raises:
-            StoreError: it could not, the name is not valid, or one of its stages has had its last version.
+            StoreError: it could not, the name is invalid, or one of its stages has had its last version.
         """
         folder = self.root / check_name(name)
         atomic.try_writing(folder)
@@ -129,36 +129,36 @@ class Store:
                 atomic.next_version(folder, stage)
 
     def path(self, artifact_id: ArtifactId) -> Path:
-        """The file of an artifact."""
+        """Return the file of an artifact."""
         return artifact_id.path(self.root)
 
     def checkpoint_path(self, name: str, kind: str, inputs_sha256: str) -> Path:
-        """Where unfinished work with these inputs is kept."""
+        """Return the checkpoint file of unfinished work with these inputs."""
         return self.root / check_name(name) / f".checkpoint-{kind}-{inputs_sha256[:12]}.h5"
 
     def ids(self) -> list[ArtifactId]:
-        """Every artifact there is, sorted, without opening any."""
+        """Return the ids of all artifacts, sorted, without opening any."""
         return listing.look(self.root).ids
 
     def versions(self, artifact_id: ArtifactId) -> list[ArtifactId]:
-        """Every artifact of the same NAME/STAGE, in the order of numbers."""
+        """Return every artifact of the same NAME/STAGE by version."""
         with storage_errors(f"list {self.root}"):
             return listing.versions(self.root, artifact_id)
 
     def strangers(self) -> list[Path]:
-        """Files and folders in the store that are neither artifacts nor kept beside them."""
+        """Return files and folders in the store that do not belong to it."""
         return listing.look(self.root).strangers
 
     def resolve(self, text: str | None, kinds: Sequence[str] = ()) -> ArtifactId:
-        """The artifact that a user means.
+        """Resolve what a user typed.
 
         Args:
             text: a full id, `NAME/STAGE` for its newest version, or a unique prefix; None or "" for the newest of all.
-            kinds: which kinds will do; empty for any.
+            kinds: accepted kinds; empty for any.
 
         Raises:
-            UnknownArtifact: nothing, or more than one, answers to the text.
-            StoreError: it is not an id, or of another kind than asked for.
+            UnknownArtifact: the text matches nothing, or more than one.
+            StoreError: it is not an id, or of another kind.
         """
         if text:
             return match(text, self.ids(), kinds)
@@ -170,7 +170,7 @@ class Store:
         return fitting[-1]
 
     def header(self, artifact_id: ArtifactId) -> Header:
-        """What is known of an artifact without opening it.
+        """Read the header of an artifact without opening its HDF5.
 
         Raises:
             UnknownArtifact: there is none.
@@ -180,7 +180,7 @@ class Store:
         return self._header(artifact_id)
 
     def read(self, artifact_id: ArtifactId) -> Artifact:
-        """The whole artifact; a damaged or hostile file is refused before its data is used.
+        """Read a whole artifact; a damaged or hostile file is refused before its data is used.
 
         Raises:
             UnknownArtifact: there is none.
@@ -189,7 +189,7 @@ class Store:
         return codec.read_artifact(self._existing(artifact_id), artifact_id)
 
     def listing(self) -> Listing:
-        """All headers, newest last, and what could not be read: files, and folders of names."""
+        """Return all headers, newest last, and the files and folders that could not be read."""
         names = listing.look(self.root)
         headers, unreadable = [], list(names.closed)
         for artifact_id in names.ids:
@@ -201,13 +201,13 @@ class Store:
         return Listing(listing.newest_last(headers), unreadable)
 
     def headers(self) -> list[Header]:
-        """The headers of all readable artifacts, newest last."""
+        """Return the headers of all readable artifacts, newest last."""
         return self.listing().headers
 
     def find(self, kind: str, inputs_sha256: str, name: str | None = None) -> list[ArtifactId]:
-        """The artifacts of this kind and the present schema that say they were made from exactly these inputs, newest first.
+        """Find artifacts of this kind and the present schema whose headers claim these inputs, newest first.
 
-        Anybody can write a header: who uses one in place of work compares it with its content, see `skillcli.evaluation.reuse`.
+        Anyone can write a header: before reusing one, compare it with its content, see `skillcli.evaluation.reuse`.
         """
         if not inputs_sha256:
             return []
@@ -217,10 +217,10 @@ class Store:
         return [one.id for one in reversed(same) if name in (None, one.id.name)]
 
     def lineage(self, artifact_id: ArtifactId) -> list[ArtifactId]:
-        """All ancestors, nearest first; those that are gone are named too, but theirs are not known.
+        """Return all ancestors, nearest first; a missing one is named, but its own ancestors are unknown.
 
         Raises:
-            StoreError: the artifact itself is not there or damaged.
+            StoreError: the artifact itself is missing or damaged.
         """
         found: dict[ArtifactId, None] = {}
         pending = deque(parent.id for parent in self.header(artifact_id).parents)
@@ -232,15 +232,15 @@ class Store:
         return list(found)
 
     def dependents(self, artifact_id: ArtifactId) -> list[ArtifactId]:
-        """The artifacts that were made directly from this one, oldest first, as far as their headers can be read."""
+        """Return the direct children of an artifact, oldest first, as far as headers can be read."""
         return self._dependents(artifact_id, lambda _: False)
 
     def verify(self, artifact_id: ArtifactId, check: Callable[[Artifact], None] = lambda _: None) -> list[str]:
-        """What is wrong with an artifact, one line each; nothing when it is as it was written.
+        """List what is wrong with an artifact, one line each; nothing if it is as it was written.
 
         Args:
             artifact_id: which one.
-            check: sees it as well, and may raise a StoreError.
+            check: called with it; may raise a StoreError.
 
         Raises:
             UnknownArtifact: there is none.
@@ -257,10 +257,10 @@ class Store:
         return [problem for problem in problems if problem]
 
     def verify_all(self, check: Callable[[Artifact], None] = lambda _: None) -> dict[ArtifactId | str, list[str]]:
-        """What is wrong with each artifact, and with folders of names that cannot be listed; what goes meanwhile is left out.
+        """List what is wrong with each artifact and each folder that cannot be listed; what vanishes meanwhile is left out.
 
         Args:
-            check: as `verify`.
+            check: see `verify`.
 
         Raises:
             StoreError: the store's folder itself cannot be listed.
@@ -273,7 +273,7 @@ class Store:
         return problems
 
     def parent_problem(self, parent: Parent) -> str:
-        """Why an artifact cannot stand for what another was made from; "" where it is what it was then."""
+        """Return why a parent no longer fits its child; "" if it is unchanged."""
         try:
             found = self.header(parent.id).content_sha256
         except StoreError as error:
@@ -286,7 +286,7 @@ class Store:
 
         Raises:
             UnknownArtifact: there is none.
-            StoreError: it is pinned, others were made from it, the store is locked, or the disk refuses.
+            StoreError: it is pinned or has children, the store is locked, or the disk refuses.
         """
         self._existing(artifact_id)
         with locked(self.root) as still_held:
@@ -301,7 +301,7 @@ class Store:
             self.unlink(artifact_id)
 
     def pin(self, artifact_id: ArtifactId, wanted: bool = True) -> None:
-        """Protect an artifact from `remove` and from being collected, or end that.
+        """Protect an artifact from `remove` and from garbage collection, or end the protection.
 
         Raises:
             UnknownArtifact: there is none.
@@ -312,11 +312,11 @@ class Store:
             (pins.pin if wanted else pins.unpin)(self._existing(artifact_id))
 
     def pinned(self) -> set[ArtifactId]:
-        """Every artifact that is pinned."""
+        """Return all pinned artifacts."""
         return listing.look(self.root).pinned
 
     def unlink(self, artifact_id: ArtifactId) -> None:
-        """Delete the file of an artifact, without a question; the caller holds the lock.
+        """Delete the file of an artifact without checks; the caller holds the lock.
 
         Raises:
             StoreError: the disk refuses.
@@ -326,7 +326,7 @@ class Store:
             atomic.remove_claimed(path)
 
     def _dependents(self, artifact_id: ArtifactId, grave: Callable[[StoreError], bool]) -> list[ArtifactId]:
-        """What was made from an artifact; of what is wrong with other headers, only what is `grave` is raised."""
+        """Return the children of an artifact; errors of other headers are raised only if `grave`."""
         found = []
         for one in self.ids():
             try:
@@ -339,7 +339,7 @@ class Store:
         return [header.id for header in listing.newest_last(made)]
 
     def _needing(self, artifact_id: ArtifactId) -> list[ArtifactId]:
-        """What was made from an artifact; in a circle, which only damage can make, nothing counts as made from another."""
+        """Return the children of an artifact; in a circle, which only damage can make, nothing counts as a child."""
         dependents = self._dependents(artifact_id, atomic.is_disk_failure)
         circle = {artifact_id, *self._ancestors(artifact_id)} if dependents else set()
         return [one for one in dependents if one not in circle]
@@ -354,7 +354,7 @@ class Store:
         return codec.read_header(self._file(artifact_id), artifact_id)
 
     def _file(self, artifact_id: ArtifactId) -> str:
-        """The file of an artifact as plain text: thousands are opened at a time."""
+        """Return the file of an artifact as a plain string, which is faster: a listing opens thousands."""
         return f"{self.root}/{artifact_id}.h5"
 
     def _existing(self, artifact_id: ArtifactId) -> Path:

@@ -1,7 +1,7 @@
-"""Whether an artifact can mean something: types, ranges and counts, beyond the shapes of its arrays.
+"""Check the values of an artifact: types, ranges and counts, beyond the shapes of its arrays.
 
-A file may be whole and have every hash right, and still hold infinite goals or a skill that is none. Everything that reads
-artifacts relies on what is checked here. What needs the recipe is checked in `skillcli.evaluation.consistency`.
+A file with correct hashes may still hold infinite goals or an unknown skill. Everything that reads artifacts relies on
+these checks. Checks that need the recipe are in `skillcli.evaluation.consistency`.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from skillcli.store.migrate import brought_up
 from skillcli.store.results import complaints
 from skillcli.trajectories import SAFETY_LIMITS
 
-_NOTED = 20  # of what is wrong: the first few are said
+_NOTED = 20  # problems to report at most
 
 
 def checked(artifact: Artifact) -> Artifact:
-    """The artifact itself, of whatever schema.
+    """Return the artifact if it is valid, in whatever schema.
 
     Raises:
-        StoreError: it holds what none of its kind can hold.
+        StoreError: it holds invalid values.
     """
     arrays, results = brought_up(artifact)
     label = str(artifact.id)
@@ -42,7 +42,7 @@ def _problems(artifact: Artifact, arrays: Mapping[str, Array], results: Mapping[
     for problem in chain(_empty(sizes), complaints(kind, results, artifact.measured), _values(kind, arrays, sizes)):
         found = True
         yield problem
-    if not found:  # what follows relies on that
+    if not found:  # the following checks rely on this one
         if KINDS[kind].holds("trajectories"):
             yield from _clock(arrays["trajectories/time"])
             yield from _counted(arrays.get("trajectories/violated"), arrays.get("trajectories/violations"))

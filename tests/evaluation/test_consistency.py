@@ -84,7 +84,7 @@ LIBRARIES: list[tuple[Change, str]] = [
     (arrays("weights/embedding.raw_mean", lambda one: one + 1), "embedding/mean is not what its weights say"),
     (arrays("weights/embedding.raw_std", lambda one: one - 99), "embedding/std is not what its weights say"),
     (arrays("skills/goal", lambda one: one + 0.01), "skills/goal holds other goals"),
-    (arrays("trajectories/time", lambda one: 2 * one), "trajectories/time does not go on by 0.05 s"),
+    (arrays("trajectories/time", lambda one: 2 * one), "trajectories/time does not advance by 0.05 s"),
     (arrays("trajectories/joint_position", lambda one: one[..., :6]), "trajectories/joint_position has shape"),
     (arrays("trajectories/action", lambda one: one[..., :2]), "trajectories/action has shape"),
     (lambda found, _: found.pop("trajectories/gripper_position"), "its positions are not those of the reach task"),
@@ -137,7 +137,7 @@ PLANS: list[tuple[Change, str]] = [
     (arrays("plan/seconds", lambda one: one + 1e9), "its plan lasts"),
     (arrays("plan/skill", lambda one: one * 0 + 8), "plan/latent and plan/skill are not those of 8 skills"),
     (arrays("trajectories/skill", lambda one: one * 0 + 8), "trajectories/skill names skill 8, there are 8"),
-    (arrays("trajectories/time", lambda one: 2 * one), "trajectories/time does not go on by"),
+    (arrays("trajectories/time", lambda one: 2 * one), "trajectories/time does not advance by"),
 ]
 
 

@@ -23,7 +23,7 @@ from skillcli.evaluation.episode_schedule import EpisodeSchedule
 from skillcli.evaluation.inputs import transfer_eval_inputs
 from skillcli.evaluation.library import Library, open_library
 from skillcli.evaluation.transfer_evaluator import NOMINAL, TargetRobots, TransferEvaluator
-from skillcli.evaluation.transfer_results import broken, most_harmful_first, one_at_a_time, outcome, worst
+from skillcli.evaluation.transfer_results import count_violations, most_harmful_first, one_at_a_time, outcome, worst
 from skillcli.progress import Progress
 from skillcli.recipe import resolve
 from skillcli.simulation.domains import find_domain, find_domains
@@ -142,8 +142,8 @@ def test_reports_follow_from_the_stored_episodes(copy: Store) -> None:
 def test_a_broken_limit_is_counted_and_takes_nothing_from_success() -> None:
     path = ended(0.0, 0.01, 0.2, violations=np.array([[0, 0, 4], [0, 0, 0], [1, 0, 1]]))
     assert path.within_limits.tolist() == [False, True, False]
-    assert broken(path) == {"joint_range": 1, "joint_speed": 0, "table_clearance": 2}
-    assert broken(replace(path, violations=None)) == {} and replace(path, violations=None).within_limits.all()
+    assert count_violations(path) == {"joint_range": 1, "joint_speed": 0, "table_clearance": 2}
+    assert count_violations(replace(path, violations=None)) == {} and replace(path, violations=None).within_limits.all()
 
 
 def test_the_worst_episodes_come_farthest_first_with_what_was_drawn() -> None:

@@ -1,4 +1,4 @@
-"""Commands that come late, and knocks."""
+"""Late commands, and external forces."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.reach.settings import ReachTask
 
 
-def test_lateness_is_spread_evenly_up_to_the_stated_time() -> None:
+def test_latency_is_spread_evenly_up_to_the_stated_time() -> None:
     jitter = np.repeat([0.0, 0.02, 0.2], 3000)
-    late = Disturbance({"control_jitter": jitter}, 9000, 10, 0.05, np.random.default_rng(0)).lateness()
+    late = Disturbance({"control_jitter": jitter}, 9000, 10, 0.05, np.random.default_rng(0)).latency()
     assert late is not None
     assert (late[:3000] == 0).all()
     assert np.bincount(late[3000:6000], minlength=5) == pytest.approx(600, abs=100), "0 to 4 physics steps of 5 ms"
     assert late[6000:].max() == 10, "never later than the next command"
 
 
-def test_without_jitter_or_knocks_nothing_is_drawn() -> None:
+def test_without_jitter_or_forces_nothing_is_drawn() -> None:
     rng = np.random.default_rng(0)
     quiet = Disturbance({"control_jitter": np.zeros(2), "push_rate": np.zeros(2)}, 2, 10, 0.05, rng)
-    assert quiet.lateness() is None and quiet.forces() is None
+    assert quiet.latency() is None and quiet.forces() is None
     assert rng.random() == np.random.default_rng(0).random()
 
 
@@ -50,7 +50,7 @@ def test_no_command_is_lost() -> None:
     np.testing.assert_allclose(env.arms.joint_position[0], env.arms.joint_position[1], atol=2e-3)
 
 
-def test_knocks_come_as_often_as_stated_with_the_stated_impulse() -> None:
+def test_forces_come_as_often_as_stated_with_the_stated_impulse() -> None:
     """Two a second and control steps of 50 ms: a step has one with probability 1 - exp(-0.1)."""
     num_envs = 20_000
     parameters = {
@@ -65,10 +65,10 @@ def test_knocks_come_as_often_as_stated_with_the_stated_impulse() -> None:
         assert (size > 0).mean() == pytest.approx(1 - np.exp(-0.1), rel=0.1)
         assert size[size > 0] * 0.05 == pytest.approx(impulse)
         assert np.abs((force[size > 0] / size[size > 0, None]).mean(axis=0)).max() < 0.1, "in all directions"
-    assert (forces[1][:, 2] == 0).all(), "a box is knocked along the table"
+    assert (forces[1][:, 2] == 0).all(), "a box is pushed along the table"
 
 
-def test_a_knock_gives_the_box_its_momentum_and_ends() -> None:
+def test_a_force_gives_the_box_its_momentum_and_ends() -> None:
     """5 N for 50 ms on 0.3 kg are 0.83 m/s, but for a little friction: 0.006 of its weight."""
     env = push_env(PushTask(), 2)
     env.randomize({"contact_friction": np.full(2, 0.01)}, np.random.default_rng(0))
@@ -82,7 +82,7 @@ def test_a_knock_gives_the_box_its_momentum_and_ends() -> None:
     assert env.arms.object_velocity[1, 1] == pytest.approx(before, rel=0.02)
 
 
-def test_a_saved_state_holds_no_knock() -> None:
+def test_a_saved_state_holds_no_force() -> None:
     env = push_env(PushTask(), 1)
     parameters = {"push_rate": np.array([20.0]), "arm_push": np.array([5.0])}
     env.randomize(parameters, np.random.default_rng(0))

@@ -249,7 +249,7 @@ def as_somebody_else(root: Path, look: Callable[[], bool]) -> bool:
     return process.exitcode == 0
 
 
-def test_drawings_of_killed_processes_go(lines: Store) -> None:
+def test_figures_of_killed_processes_go(lines: Store) -> None:
     drawn, fresh, mine = (lines.root / "run" / name for name in (".compose-ab12_xyz.rrd", ".e-ab12_xy0.png", ".notes-mine.rrd"))
     for path in (drawn, fresh, mine):
         path.write_bytes(b"x")
