@@ -25,7 +25,7 @@ from skillcli.config.explain import complaint, shown
 from skillcli.config.randomization import RANGE_KEYS, Randomisation
 from skillcli.config.toml_file import parse_toml, read_toml
 from skillcli.errors import UsageError
-from skillcli.learning.settings import Embedding, Network, Training
+from skillcli.learning.settings import Embedding, Mixtures, Network, Training
 from skillcli.robots.config import bundled_robots, describe_robot, is_path, start_of
 from skillcli.simulation.settings import TaskSettings
 from skillcli.tasks.registry import find_task, load_task, ran_here, source_digest, task_names
@@ -73,6 +73,7 @@ class _SkillsRecipe(Section):
     embedding: Embedding = Embedding()
     network: Network = Network()
     training: Training = Training()
+    mixtures: Mixtures = optional_value(Mixtures(), "mixtures of skills that are trained too")
     randomisation: Randomisation = Randomisation()
     evaluation: Evaluation = Evaluation()
 

@@ -267,6 +267,22 @@ def latin_hypercube(ranges: Mapping[str, Distribution], count: int, rng: np.rand
 Span = tuple[float, float]
 
 
+def check_span(span: Span) -> None:
+    """Refuse what is not two shares of the training in order.
+
+    Raises:
+        ValueError: it is not.
+    """
+    if not 0 <= span[0] <= span[1] <= 1:
+        raise ValueError(f"a span is two shares of the training in order, between 0 and 1, got {list(span)}")
+
+
+def phased_in(span: Span, progress: float) -> float:
+    """How much of what is phased in over a span is there at some progress of the training: from 0 linearly to 1."""
+    begin, full = span
+    return float(progress >= begin) if begin == full else min(1.0, max(0.0, (progress - begin) / (full - begin)))
+
+
 class Randomisation(Section):
     """What differs from episode to episode while training (Tobin et al. 2017, Peng et al. 2018); nothing by default.
 
@@ -287,8 +303,7 @@ class Randomisation(Section):
         if twice:
             raise ValueError(f"{twice[0]} is named more than once")
         for span in (self.starts_span, self.sensing_span):
-            if not 0 <= span[0] <= span[1] <= 1:
-                raise ValueError(f"a span is two shares of the training in order, between 0 and 1, got {list(span)}")
+            check_span(span)
         return self
 
     @property

@@ -31,6 +31,7 @@ TRAINED = (
     "embedding",
     "network",
     "training",
+    "mixtures",
     "randomisation",
     "evaluation",
 )  # recipe sections that training depends on

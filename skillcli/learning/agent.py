@@ -43,9 +43,11 @@ class Agent(nn.Module):
         )
         bounds = (embedding.min_std, embedding.max_std)
         first_means = (
-            arranged(torch.as_tensor(goals, dtype=torch.float32), embedding.size, make)
-            if embedding.arrangement == "goals"
-            else spread(skills, embedding.size, make)
+            spread(skills, embedding.size, make)
+            if embedding.arrangement == "random"
+            else arranged(
+                torch.as_tensor(goals, dtype=torch.float32), embedding.size, make, embedding.arrangement == "isometric"
+            )
         )
         self.embedding = Embedding(first_means, embedding.initial_std, bounds, embedding.fixed_means)
         window_size = embedding.window * observation
@@ -126,11 +128,6 @@ class Actor:
             x = torch.addmm(bias, x.tanh_(), weight)
         action: Array = (affine(x, self._latent) if self._linear else x).numpy()
         return action
-
-
-def one_hot(skill: Tensor, skills: int) -> Tensor:
-    """(...,) indices to (..., K) float."""
-    return nn.functional.one_hot(skill, skills).float()
 
 
 def windows(observation: Tensor, length: int) -> Tensor:

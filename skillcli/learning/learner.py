@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,9 @@ from skillcli.config import randomization
 from skillcli.errors import SkillError
 from skillcli.learning import te_ppo
 from skillcli.learning.agent import Agent
+from skillcli.learning.mixtures import MIXED, Mixer
 from skillcli.learning.rollout import Rollout, StartPool, VectorEnvironment, collect
-from skillcli.learning.saved import check_saved
+from skillcli.learning.saved import OF_MIXTURES, check_saved
 from skillcli.learning.settings import LearningRecipe
 from skillcli.seeding import generator
 from skillcli.trajectories import Array
@@ -37,6 +39,7 @@ class Learner:
     def __init__(self, env: VectorEnvironment, recipe: LearningRecipe, seed: int) -> None:
         self.env, self.recipe = env, recipe
         self.agent = Agent(recipe, env.observation_size, env.action_size, env.goals, seed, env.privileged_size)
+        self.mixer = Mixer.of(recipe.mixtures, env.goals)
         self.optimizers = te_ppo.Optimizers.of(self.agent, recipe.training.learning_rate)
         self.pool = StartPool(POOL_CAPACITY)
         self.rng = generator(seed, "training")
@@ -60,7 +63,8 @@ class Learner:
         # Before the rollout and not in the update: there it would count as the policy's own change and use up the target KL.
         self.agent.policy.bound(te_ppo.annealed_std(training.final_action_std, training.settle_from, progress))
         self._randomise()
-        rollout = collect(self.env, self.agent, self.pool, training.chained_starts, self.rng)
+        mixer = replace(self.mixer, share=self.recipe.mixtures.share_at(progress))
+        rollout = collect(self.env, self.agent, self.pool, training.chained_starts, self.rng, mixer)
         seen = (torch.from_numpy(rollout.observation).flatten(0, 1), torch.from_numpy(rollout.privileged).flatten(0, 1))
         if self.iteration == 0:  # before the first update there is nothing to normalise by
             self.agent.update_normalizers(*seen)
@@ -84,30 +88,33 @@ class Learner:
             return
         parameters = randomization.sample(chosen.ranges, self.env.num_envs, self.rng, self.env.joints)
         progress = self.iteration / self.recipe.training.iterations
-        for ranges, (begin, full) in ((chosen.starts, chosen.starts_span), (chosen.sensing, chosen.sensing_span)):
-            share = float(progress >= begin) if begin == full else (progress - begin) / (full - begin)
-            spared = self.rng.random(self.env.num_envs) >= share
+        for ranges, span in ((chosen.starts, chosen.starts_span), (chosen.sensing, chosen.sensing_span)):
+            spared = self.rng.random(self.env.num_envs) >= randomization.phased_in(span, progress)
             for name in ranges:
                 parameters[name][spared] = randomization.IDENTITY[name]
         self.env.randomize(parameters, np.random.default_rng(self.rng.integers(2**63)))
 
     def _outcome(self, rollout: Rollout) -> dict[str, float]:
-        tolerance = self.recipe.task.tolerance
-        near = rollout.final_distance <= tolerance
-        finite = rollout.final_distance[np.isfinite(rollout.final_distance)]
+        near, mixed = rollout.final_distance <= self.recipe.task.tolerance, rollout.skill == MIXED
         outcome = {
             "return": float((rollout.reward * rollout.valid).sum(0).mean()),
-            "success_rate": float(near.mean()),
-            "final_distance": float(finite.mean()) if len(finite) else 0.0,
+            "success_rate": _mean(near[~mixed]),
+            "final_distance": _mean(rollout.final_distance[~mixed & np.isfinite(rollout.final_distance)]),
         }
+        if self.recipe.mixtures.share:
+            known = mixed & np.isfinite(rollout.final_distance)
+            of_mixtures = near[mixed], rollout.final_distance[known]
+            outcome |= {
+                name: float(values.mean()) if len(values) else math.nan
+                for name, values in zip(OF_MIXTURES, of_mixtures, strict=True)
+            }
         outcome |= {f"reward/{name}": value for name, value in rollout.reward_terms.items()}
         for skill in range(self.agent.skills):
-            chosen = near[rollout.skill == skill]
-            outcome[f"success/{skill + 1}"] = float(chosen.mean()) if len(chosen) else 0.0
+            outcome[f"success/{skill + 1}"] = _mean(near[rollout.skill == skill])
         return outcome
 
     def _check(self, point: dict[str, float]) -> None:
-        broken = [name for name, number in point.items() if not math.isfinite(number)]
+        broken = [name for name, number in point.items() if not math.isfinite(number) and name not in OF_MIXTURES]
         weights_fine = all(bool(torch.isfinite(weight).all()) for weight in self.agent.parameters())
         if broken or not weights_fine:
             raise SkillError(
@@ -159,6 +166,11 @@ class Learner:
             index, slot = path.split("/")
             slots.setdefault(int(index), {})[slot] = torch.from_numpy(np.array(array))
         optimizer.load_state_dict({**content, "state": slots})
+
+
+def _mean(values: Array) -> float:
+    """The mean, zero where there is nothing."""
+    return float(values.mean()) if len(values) else 0.0
 
 
 def _below(arrays: Mapping[str, Array], prefix: str) -> dict[str, Array]:

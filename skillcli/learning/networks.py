@@ -118,19 +118,19 @@ def spread(points: int, dimensions: int, generator: torch.Generator) -> Tensor:
     return x
 
 
-def arranged(goals: Tensor, dimensions: int, generator: torch.Generator) -> Tensor:
+def arranged(goals: Tensor, dimensions: int, generator: torch.Generator, isometric: bool = False) -> Tensor:
     """Points arranged as the goals are, in the cube [-0.8, 0.8]^d: (K, 3) m to (K, d).
 
     Principal axes of the goals, each divided by the root of its singular value: long axes shrink towards short ones, so
-    that skills whose goals are close still get latents apart, and distances keep their order. A random spread where the
-    goals do not tell all skills apart.
+    that skills whose goals are close still get latents apart, and distances keep their order. Isometric: all axes by one
+    scale, so that distances keep their proportions. A random spread where the goals do not tell all skills apart.
     """
     centred = goals - goals.mean(0)
     left, singular, _ = torch.linalg.svd(centred, full_matrices=False)
     rank = int((singular > 1e-6 * singular.max().clamp(min=1e-12)).sum())
     x = torch.zeros(len(goals), dimensions)
     used = min(rank, dimensions)
-    x[:, :used] = left[:, :used] * singular[:used].sqrt()
+    x[:, :used] = left[:, :used] * (singular[:used] if isometric else singular[:used].sqrt())
     x = 0.8 * x / x.abs().max().clamp(min=1e-6)
     separate = len(goals) == 1 or float(torch.pdist(x).min()) > 0.2
     return x if separate else spread(len(goals), dimensions, generator)
@@ -196,7 +196,7 @@ class Value(nn.Module):
         super().__init__()
         self.body = mlp([observation + privileged + latent + skills, *hidden, 1], 1.0, generator)
 
-    def forward(self, observation: Tensor, privileged: Tensor, latent: Tensor, skill_one_hot: Tensor) -> Tensor:
-        """(..., o) and (..., p) normalised, (..., d), (..., K) to (...,)."""
-        value: Tensor = self.body(torch.cat([observation, privileged, latent, skill_one_hot], -1)).squeeze(-1)
+    def forward(self, observation: Tensor, privileged: Tensor, latent: Tensor, weights: Tensor) -> Tensor:
+        """(..., o) and (..., p) normalised, (..., d), weights of the skills (..., K), one-hot for one of them, to (...,)."""
+        value: Tensor = self.body(torch.cat([observation, privileged, latent, weights], -1)).squeeze(-1)
         return value

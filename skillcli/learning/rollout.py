@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 from skillcli.learning.agent import Actor, Agent
+from skillcli.learning.mixtures import MIXED, UNMIXED, Mixer
 from skillcli.learning.ring_buffer import RingBuffer
 from skillcli.trajectories import Array
 
@@ -40,6 +41,9 @@ class VectorEnvironment(Protocol):
     def reset_to_state(self, ids: Array, sim_states: Array, skill: Array) -> None:
         """Start these simulations from saved states, on these skills."""
 
+    def mix_goals(self, ids: Array, weights: Array) -> None:
+        """Ask of these simulations (n,) the mixture of the goals with these weights (n, K)."""
+
     def observe(self) -> Array:
         """Observations (N, o)."""
 
@@ -67,7 +71,8 @@ class Rollout:
     reward_terms: dict[str, float]  # what each term of it gave, summed over an episode, in the mean over the episodes
     terminated: Array  # (T, N) bool
     valid: Array  # (T, N) bool
-    skill: Array  # (N,)
+    skill: Array  # (N,), `MIXED` where the episode goes to a mixture of several
+    weights: Array  # (N, K) float32 of the skills, one-hot where it is one
     noise: Array  # (N, d) the epsilon of z = mean + std * epsilon
     latent: Array  # (N, d)
     final_distance: Array  # (N,) m, of the judged point to its goal at the end
@@ -107,14 +112,18 @@ def start_episodes(env: VectorEnvironment, pool: StartPool, chained: float, rng:
 
 
 @torch.no_grad()
-def collect(env: VectorEnvironment, agent: Agent, pool: StartPool, chained: float, rng: np.random.Generator) -> Rollout:
+def collect(
+    env: VectorEnvironment, agent: Agent, pool: StartPool, chained: float, rng: np.random.Generator, mixer: Mixer = UNMIXED
+) -> Rollout:
     """Run one episode in every simulation, and keep some of the states passed for later starts."""
     started = time.perf_counter()
     steps, num_envs = env.horizon, env.num_envs
-    skill = start_episodes(env, pool, chained, rng)
+    skill, weights = mixer.mix(start_episodes(env, pool, chained, rng), agent.skills, rng)
+    if (mixed := np.flatnonzero(skill == MIXED)).size:
+        env.mix_goals(mixed, weights[mixed])
     mean, std = agent.embed()
-    noise = rng.standard_normal(mean[skill].shape)
-    latent = (mean[skill] + std[skill] * noise).astype(np.float32)
+    noise = rng.standard_normal((num_envs, mean.shape[1]))
+    latent = (weights @ mean + (weights @ std) * noise).astype(np.float32)
     exploration = agent.policy.std.numpy() * rng.standard_normal((steps, num_envs, env.action_size), dtype=np.float32)
     kept_moments = set(rng.choice(steps, size=min(pool.SNAPSHOTS, steps), replace=False).tolist())
 
@@ -149,6 +158,7 @@ def collect(env: VectorEnvironment, agent: Agent, pool: StartPool, chained: floa
         terminated=terminated,
         valid=valid,
         skill=skill,
+        weights=weights.astype(np.float32),
         noise=noise.astype(np.float32),
         latent=latent,
         final_distance=np.where(alive, np.linalg.norm(env.achieved_goal() - env.desired_goal, axis=1), np.inf),

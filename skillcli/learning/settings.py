@@ -7,7 +7,7 @@ from typing import Any, Literal, Protocol
 from pydantic import model_validator
 
 from skillcli.config.base import Section, value
-from skillcli.config.randomization import Randomisation
+from skillcli.config.randomization import Randomisation, Span, check_span, phased_in
 
 MAX_LAYERS = 16
 
@@ -17,8 +17,11 @@ class Embedding(Section):
 
     size: int = value(3, "dimensions of the latent space", "", ge=1, le=64)
     window: int = value(6, "observations that the inference network sees", "steps", ge=1, le=64)
-    arrangement: Literal["goals", "random"] = value(
-        "goals", "means start arranged as the goals are, which makes the latent space a map; or spread at random", ""
+    arrangement: Literal["goals", "isometric", "random"] = value(
+        "goals",
+        "means start arranged as the goals are, long axes shortened so that skills lie apart; or as they are, every axis by one"
+        " scale; or spread at random",
+        "",
     )
     fixed_means: bool = value(False, "the means stay where they start; only the standard deviations are learned")
     initial_std: float = value(0.3, "standard deviation of p(z|t) at the start", "", gt=0)
@@ -84,6 +87,35 @@ class Training(Section):
     policy_entropy: float = value(0.001, "alpha_3: weight of H{pi(a|s,z)}", "", ge=0)
 
 
+class Mixtures(Section):
+    """Mixtures of skills that are trained beside the skills, which make the latent space a map; none by default."""
+
+    share: float = value(
+        0.0, "share of the episodes whose latent is a mixture of those of the skills, and whose goal is that of the goals", "",
+        ge=0, lt=1,
+    )  # fmt: skip
+    weights: Literal["multilinear", "neighbours", "dirichlet"] = value(
+        "dirichlet",
+        "how the weights are drawn: those of a place drawn uniformly between goals that are the corners of a cuboid; those of"
+        " a place between two neighbouring goals; or any, see concentration",
+        "",
+    )
+    concentration: float = value(
+        0.5, "of the Dirichlet distribution: at 1 all weights are alike, below it few skills have most, above it all have some",
+        "", gt=0, le=1000,
+    )  # fmt: skip
+    span: Span = value((0.0, 0.0), "shares of the training at which mixtures begin, and at which they have their share", "")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Mixtures:
+        check_span(self.span)
+        return self
+
+    def share_at(self, progress: float) -> float:
+        """Their share at some progress of the training from 0 to 1."""
+        return self.share * phased_in(self.span, progress)
+
+
 class LearnedTask(Protocol):
     """What learning needs of a task's settings."""
 
@@ -114,6 +146,10 @@ class LearningRecipe(Protocol):
     @property
     def training(self) -> Training:
         """How they are trained."""
+
+    @property
+    def mixtures(self) -> Mixtures:
+        """Which mixtures of skills are trained too."""
 
     @property
     def randomisation(self) -> Randomisation:

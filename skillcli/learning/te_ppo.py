@@ -7,7 +7,7 @@ The objective is that of Julian et al. 2018 (arXiv:1809.10253, eq. 1), after Hau
 
 The term in alpha_2 enters the reward, where it acts through what the policy does. The two entropies have gradients of
 their own and enter the loss. One epsilon per episode gives z = mean_t + std_t * epsilon; the policy ratio is evaluated at
-that z, so the embedding learns through the policy.
+that z, so the embedding learns through the policy. Episodes may go to mixtures of skills, see `mixtures`.
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ import torch
 from torch import Tensor
 
 from skillcli.learning import gaussian
-from skillcli.learning.agent import Agent, one_hot, windows
+from skillcli.learning.agent import Agent, windows
 from skillcli.learning.descent import descend, minibatches
 from skillcli.learning.gae import advantages
+from skillcli.learning.mixtures import MIXED
 from skillcli.learning.ppo_update import standardised, update_policy
 from skillcli.learning.rollout import Rollout
 from skillcli.learning.settings import Training
@@ -67,7 +68,8 @@ class Batch:
     old_log_prob: Tensor  # (n,)
     advantage: Tensor  # (n,) standardised
     value_target: Tensor  # (n,) in units of the value scale
-    skill: Tensor  # (n,)
+    skill: Tensor  # (n,), `MIXED` for mixtures
+    weights: Tensor  # (n, K) of the skills, one-hot where it is one
     noise: Tensor  # (n, d)
     latent: Tensor  # (n, d) as used in the rollout
     window: Tensor  # (n, H*o) normalised, up to the state that the step led to
@@ -107,9 +109,9 @@ def prepare(rollout: Rollout, agent: Agent, training: Training) -> tuple[Batch, 
     steps = rollout.action.shape[0]
     observation = agent.normalizer(torch.from_numpy(rollout.observation))  # (T+1, N, o)
     privileged = agent.normalized_privileged(torch.from_numpy(rollout.privileged))  # (T+1, N, p)
-    skill = torch.from_numpy(rollout.skill)
+    weights = torch.from_numpy(rollout.weights)
     latent = torch.from_numpy(rollout.latent).expand(steps + 1, -1, -1)
-    value = agent.value(observation, privileged, latent, one_hot(skill, agent.skills).expand(steps + 1, -1, -1)).numpy()
+    value = agent.value(observation, privileged, latent, weights.expand(steps + 1, -1, -1)).numpy()
     window = windows(observation, agent.window)[1:]  # (T, N, H*o)
     log_q = gaussian.log_prob(latent[1:], *agent.inference(window))
     reward = augmented_reward(rollout.reward, log_q.numpy(), training)
@@ -129,7 +131,8 @@ def prepare(rollout: Rollout, agent: Agent, training: Training) -> tuple[Batch, 
         old_log_prob=old_log_prob[valid],
         advantage=standardised(torch.from_numpy(advantage)[valid]),
         value_target=torch.from_numpy(target)[valid],
-        skill=skill.expand(steps, -1)[valid],
+        skill=torch.from_numpy(rollout.skill).expand(steps, -1)[valid],
+        weights=weights.expand(steps, -1, -1)[valid],
         noise=torch.from_numpy(rollout.noise).expand(steps, -1, -1)[valid],
         latent=latent[1:][valid],
         window=window[valid],
@@ -184,10 +187,18 @@ def _update_actor(
 
 
 def _log_prob(batch: Batch, agent: Agent, chosen: Tensor) -> Tensor:
-    """log pi(a|s, z) at z = mean_t + std_t * epsilon of the embedding as it is now."""
-    skill = batch.skill[chosen]
-    latent = agent.embedding.mean[skill] + agent.embedding.std[skill] * batch.noise[chosen]
+    """log pi(a|s, z) at the z that the embedding as it is now gives to the same skill, or mixture of skills, and epsilon."""
+    latent = present_latent(batch, agent, chosen)
     return gaussian.log_prob(batch.action[chosen], agent.policy(batch.observation[chosen], latent), agent.policy.std)
+
+
+def present_latent(batch: Batch, agent: Agent, chosen: Tensor) -> Tensor:
+    """z = mean_t + std_t * epsilon for some samples by their indices (m,), or what `mixtures` says, (m, d)."""
+    mean, std, skill = agent.embedding.mean, agent.embedding.std, batch.skill[chosen]
+    if (skill == MIXED).any():
+        weights = batch.weights[chosen]
+        return weights @ mean + (weights @ std) * batch.noise[chosen]
+    return mean[skill] + std[skill] * batch.noise[chosen]
 
 
 def _update_critics(
@@ -196,8 +207,9 @@ def _update_critics(
     value_loss = inference_loss = torch.zeros(())
     for order in orders:
         for chosen in minibatches(order, training.minibatch):
-            skill = one_hot(batch.skill[chosen], agent.skills)
-            value = agent.value(batch.observation[chosen], batch.privileged[chosen], batch.latent[chosen], skill)
+            value = agent.value(
+                batch.observation[chosen], batch.privileged[chosen], batch.latent[chosen], batch.weights[chosen]
+            )
             value_loss = (value - batch.value_target[chosen]).square().mean()
             descend(optimizers.value, value_loss, training.max_grad_norm)
             mean, std = agent.inference(batch.window[chosen])

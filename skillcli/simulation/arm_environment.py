@@ -166,6 +166,10 @@ class ArmEnvironment:
             position = position + self.arms.reported_shift(self._joint_offset)
         return np.concatenate([self.arms.joint_position, position], axis=1)
 
+    def mix_goals(self, ids: Array, weights: Array) -> None:
+        """See `Environment`."""
+        self.desired_goal[ids] = weights @ self.goals
+
     def observe(self) -> Array:
         """See `Environment`."""
         joints = self.action_size

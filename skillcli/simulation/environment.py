@@ -87,6 +87,12 @@ class Environment(Protocol):
     def reset(self, ids: Array, skill: Array) -> None:
         """Put these simulations at the start, with the goals of these skills (n,), and their clocks at zero."""
 
+    def mix_goals(self, ids: Array, weights: Array) -> None:
+        """Ask of these simulations, after a reset, the mixture of the skills' goals with weights (n, K) that add to one.
+
+        Where goals are places that is their weighted mean.
+        """
+
     def observe(self) -> Array:
         """Return the observations, (N, o) float32."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import resource
 import sys
 import time
@@ -161,9 +162,11 @@ def _train(
         seconds = time.perf_counter() - began - bare.seconds
         success = {name: point[f"success/{k + 1}"] for k, name in enumerate(names)}
         rate = (learner.env_steps - first_step) / seconds
+        named = {f"success/{k + 1}": f"success/{name}" for k, name in enumerate(names)}
+        scalars = {named.get(curve, curve): value for curve, value in point.items() if math.isfinite(value)}
         note = f"final distance {point['final_distance']:.3f} m"
-        named = {name: value for name, value in point.items() if not name.startswith("success/")}
-        scalars = {**named, **{f"success/{name}": share for name, share in success.items()}}
+        if "mixed/final_distance" in scalars:
+            note += f", of mixtures {scalars['mixed/final_distance']:.3f} m"
         share = learner.env_steps / learner.sampling_seconds / bare.rate if bare.rate else None
         on_progress(Progress(PRETRAIN.name, learner.iteration, total, "iterations", rate, success, note, share, scalars))
         if stop.requested and not learner.finished:

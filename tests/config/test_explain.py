@@ -85,7 +85,7 @@ def test_nor_is_any_of_a_robot(key: str, tmp_path: Path) -> None:
         ("task.start=[0, 0, 0]", "'task.start': expected 7 numbers, one for each joint, got 3"),
         ("task.goals=[[0.5, 0.2, 0.1], [0.5, 0.2, 0.1, 1]]", "'task.goals', entry 2: expected three numbers, got 4"),
         ("task.goals=[[0.5, nan, 0.2]]", "'task.goals', entry 2 of entry 1: expected a finite number, got nan"),
-        ("embedding.arrangement=circle", "'embedding.arrangement': expected 'goals' or 'random', got 'circle'"),
+        ("embedding.arrangement=circle", "'embedding.arrangement': expected 'goals', 'isometric' or 'random', got 'circle'"),
         ("search.grid=32", "recipe: search.grid of 32 gives 32768 latents"),
         ("description=3", "'description': expected text in quotes, got 3"),
         ("randomisation.dynamics.gain={uniform=[true, 2]}", "'randomisation.dynamics.gain': expected a number, got true"),

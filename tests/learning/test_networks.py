@@ -173,3 +173,10 @@ def test_spread_points_lie_in_the_cube_apart_from_each_other() -> None:
     for seed in range(5):
         points = spread(8, 3, chance(seed))
         assert points.abs().max() <= 0.8 and float(torch.pdist(points).min()) > 0.5
+
+
+def test_an_isometric_arrangement_keeps_the_proportions_of_all_distances() -> None:
+    goals = torch.tensor([[x, y, z] for x in (0.5, 0.7) for y in (-0.3, 0.3) for z in (0.15, 0.3)])
+    means = arranged(goals, 3, torch.Generator().manual_seed(0), isometric=True)
+    ratio = torch.pdist(means) / torch.pdist(goals)
+    torch.testing.assert_close(ratio, torch.full_like(ratio, 0.8 / 0.3))  # the longest half axis becomes 0.8

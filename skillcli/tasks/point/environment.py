@@ -65,6 +65,10 @@ class PointEnvironment:
         self._elapsed[ids] = 0
         self.desired_goal[ids] = self.goals[skill]
 
+    def mix_goals(self, ids: Array, weights: Array) -> None:
+        """See `Environment`."""
+        self.desired_goal[ids] = weights @ self.goals
+
     def observe(self) -> Array:
         """See `Environment`."""
         self._seen = self._position.astype(np.float32)
