@@ -26,9 +26,10 @@ from skillcli.config.randomization import RANGE_KEYS, Randomisation
 from skillcli.config.toml_file import parse_toml, read_toml
 from skillcli.errors import UsageError
 from skillcli.learning.settings import Embedding, Mixtures, Network, Training
-from skillcli.robots.config import bundled_robots, describe_robot, is_path, start_of
+from skillcli.robots.config import DEFAULT_ROBOT, bundled_robots, describe_robot, is_path, start_of
 from skillcli.simulation.settings import TaskSettings
 from skillcli.tasks.registry import find_task, load_task, ran_here, source_digest, task_names
+from skillcli.tasks.spec import TaskSpec
 
 
 class Evaluation(Section):
@@ -68,7 +69,7 @@ class _SkillsRecipe(Section):
 
     name: str = value(..., "the recipe's name", "")
     description: str = value("", "what this recipe is for, in one line", "")
-    robot: str = optional_value("sawyer", "a bundled robot by its name, or the path of a robot file", "")
+    robot: str = optional_value(DEFAULT_ROBOT, "a bundled robot by its name, or the path of a robot file", "")
     task: TaskSettings = value(..., "what the skills are for", "")
     embedding: Embedding = Embedding()
     network: Network = Network()
@@ -130,13 +131,20 @@ def recipe_names() -> list[str]:
     return sorted(path.stem for path in recipe_folder().glob("*.toml"))
 
 
-def load_recipe(name: str, overrides: Iterable[str] = ()) -> Recipe:
+def load_recipe(name: str, overrides: Iterable[str] = (), robot: str | None = None) -> Recipe:
     """Read a shipped recipe by name, or any TOML file by path, and apply `key=value` overrides.
+
+    Args:
+        name: of a recipe, or a path.
+        overrides: such as `training.iterations=20`.
+        robot: a bundled robot, or the path of a robot file; instead of the one that the recipe names.
 
     Raises:
         UsageError: unknown recipe, unreadable TOML, unknown key, or a value out of bounds.
     """
     content = _read(name, seen=())
+    if robot is not None:
+        content["robot"] = robot
     return resolve(content, overrides, by_hand=True)
 
 
@@ -166,7 +174,7 @@ def _settings_of(content: dict[str, Any], by_hand: bool) -> type[TaskSettings]:
     given = content.get("task")
     if not isinstance(given, Mapping):
         return TaskSettings  # the validation says what is wrong
-    robot = content.get("robot", "sawyer")
+    robot = content.get("robot", DEFAULT_ROBOT)
     if "module" in given:
         given = content["task"] = _from_module(given, by_hand)
     name = given.get("name")
@@ -176,11 +184,21 @@ def _settings_of(content: dict[str, Any], by_hand: bool) -> type[TaskSettings]:
         known = ", ".join(map(repr, task_names()))
         raise UsageError(f"recipe key 'task.name': expected one of {known}, got {shown(name)}", "see `skill tasks`")
     spec = find_task(name)
-    if spec.uses_robot and not given.get("start"):
-        content["task"] = {**given, "start": start_of(robot, name)}
-    elif spec.uses_robot:
+    if spec.uses_robot and given.get("start"):
         _check_start(robot, given["start"])
+    if spec.uses_robot and isinstance(robot, str):
+        content["task"] = {**given, **_placed(spec, given, robot)}
     return spec.settings
+
+
+def _placed(spec: TaskSpec, given: Mapping[str, Any], robot: str) -> dict[str, Any]:
+    """What the robot adds to the section `task` where a recipe leaves it open: a start, and where the goals lie."""
+    open_keys = [key for key in spec.placed if not given.get(key)]
+    if spec.place is not None and robot != DEFAULT_ROBOT and open_keys:
+        from skillcli.robots.robot import load_robot  # compiles a model: slow to import
+
+        return spec.place(given, load_robot(robot))
+    return {} if given.get("start") else {"start": start_of(robot, spec.name)}
 
 
 def _from_module(task: Mapping[str, Any], by_hand: bool) -> dict[str, Any]:

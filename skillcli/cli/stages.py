@@ -55,6 +55,10 @@ def pretrain(
     recipe: Annotated[str, typer.Argument(help="Recipe by name, or a .toml file.")] = "reach",
     seed: Seed = 0,
     name: Name = None,
+    robot: Annotated[
+        str | None,
+        typer.Option("--robot", help="Train on this arm: a name of `skill robots`, or a robot file.", metavar="NAME|FILE"),
+    ] = None,
     overrides: Set = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on where the same training was interrupted.")] = False,
     threads: Annotated[
@@ -71,7 +75,7 @@ def pretrain(
     from skillcli.stages.pretrain import pretrain as stage
 
     session: Session = context.obj
-    resolved = load_recipe(recipe, overrides or ())
+    resolved = load_recipe(recipe, overrides or (), robot)
     folder = checked(name) or resolved.name
     if resume and not session.store.checkpoint_path(folder, PRETRAIN.name, pretrain_inputs(resolved, seed)).exists():
         session.say("nothing was interrupted with this recipe, seed and name: starting anew")

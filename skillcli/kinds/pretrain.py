@@ -41,6 +41,15 @@ class ObservedTerm(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class TrainedRobot(Record):
+    """The arm that the skills were trained on."""
+
+    name: str
+    joints: tuple[str, ...]  # in the order of actions and joint observations
+    fingerprint: str  # of its file and its model
+
+
+@dataclass(frozen=True, kw_only=True)
 class Randomised(Record):
     """The mean latents on robots and from starts as varied as in training."""
 
@@ -60,6 +69,7 @@ class PretrainResults(Record):
     embedding: EmbeddingQuality
     randomised: Randomised | None = unsaid(None, null=True)  # None: nothing was varied
     observation: tuple[ObservedTerm, ...] = unsaid(())  # empty: an older one, which does not say
+    robot: TrainedRobot | None = unsaid(None)  # None: an older one, or a task without an arm
 
 
 @dataclass(frozen=True, kw_only=True)

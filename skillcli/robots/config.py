@@ -15,6 +15,7 @@ from skillcli.config.toml_file import read_toml
 from skillcli.errors import UsageError
 
 Quaternion = tuple[float, float, float, float]
+DEFAULT_ROBOT = "sawyer"  # of a recipe; the defaults of the tasks lie around it
 FEWEST, MOST = 4, 8  # joints of an arm
 SHORTEST_TIMESTEP, LONGEST_TIMESTEP = 1e-4, 0.02  # s
 FARTHEST = 10.0  # m, of any offset: beyond, the arm is nowhere near the table

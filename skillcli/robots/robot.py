@@ -94,7 +94,7 @@ class Robot:
         """
         with blaming(self.path):
             spec = self.scene.copy()
-            self._check_start(start)
+            self.check_start(start)
             own = self.description.timestep
             step = timestep if self.description.verbatim and own is None else self._timestep(period, spec.option.timestep)
             set_clock(spec, self.names.servos, step, delay)
@@ -110,7 +110,12 @@ class Robot:
             with blaming(self.path):
                 raise UsageError("finger: [] leaves nothing to push with", "name its geoms, or leave `finger` out for ours")
 
-    def _check_start(self, start: tuple[float, ...]) -> None:
+    def check_start(self, start: tuple[float, ...]) -> None:
+        """Refuse a start (n,) rad that is not one of this arm.
+
+        Raises:
+            UsageError: another number of angles, or one out of the range of its joint or servo.
+        """
         shown = self.description.joints
         if len(start) != len(shown):
             raise UsageError(

@@ -28,6 +28,7 @@ from skillcli.kinds.pretrain import (
     PretrainResults,
     Randomised,
     Throughput,
+    TrainedRobot,
     TrainedSkill,
 )
 from skillcli.kinds.record import point
@@ -296,7 +297,15 @@ def _results(recipe: Recipe, learner: Learner, evaluation: Evaluation, randomise
         ),
         randomised=randomised,
         observation=tuple(ObservedTerm(**term._asdict()) for term in World.of(recipe).observation_terms),
+        robot=_trained_robot(World.of(recipe)),
     )
+
+
+def _trained_robot(world: World) -> TrainedRobot | None:
+    if not world.spec.uses_robot:
+        return None
+    robot = world.robot
+    return TrainedRobot(name=robot.name, joints=robot.description.joints, fingerprint=robot.fingerprint)
 
 
 def _throughput(learner: Learner, bare_rate: float | None, wall: float) -> Throughput:

@@ -83,6 +83,9 @@ class TaskSpec:
         cost_to_go: what planners count as left to go, for settings, see `composition.route.CostToGo`; None where the straight
             distance says it all.
         uses_robot: whether an arm is in it.
+        placed: keys of the section `task` that `place` fills in.
+        place: what a recipe leaves open of the section `task` on another robot than the one that the defaults lie around: from
+            what it says of the section, and the robot. By default the robot's start alone.
         drawing: what to draw, and how.
     """
 
@@ -97,5 +100,7 @@ class TaskSpec:
     compositions: Mapping[str, tuple[Route, ...]] = field(default_factory=dict)
     chains: Mapping[str, str] = field(default_factory=dict)
     uses_robot: bool = True
+    placed: tuple[str, ...] = ()
+    place: Callable[[Mapping[str, Any], Robot], dict[str, Any]] | None = None
     cost_to_go: Callable[[Any], Any] = straight_distance
     drawing: Drawing = field(default_factory=Drawing)

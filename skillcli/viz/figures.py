@@ -19,10 +19,13 @@ from matplotlib.lines import Line2D
 
 from skillcli.errors import UsageError
 from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, ByKind
+from skillcli.robots.robot import Robot
+from skillcli.trajectories import Array
 from skillcli.viz import motion, panels_space, panels_time, panels_transfer
 from skillcli.viz.canvas import blank, encoded, legend, mark, skill_handles, styled
 from skillcli.viz.files import FORMATS, replacing
 from skillcli.viz.palette import BETWEEN, TARGET
+from skillcli.viz.plots.robot import draw_robot
 from skillcli.viz.scene import Runs, Scene, drawable
 
 MAX_COLUMNS = 4  # domains beside one another
@@ -51,11 +54,32 @@ def image(scene: Scene, path: Path) -> bytes:
     Raises:
         UsageError: the suffix of `path` is none of the three.
     """
+    with styled():
+        return encoded(draw(drawable(scene)), format_of(path))
+
+
+def robot_figure(robot: Robot, start: tuple[float, ...], goals: Array, path: Path) -> None:
+    """Draw an arm at a start (n,) rad, with goals (K, 3) m, and write it as `figure` does.
+
+    Raises:
+        UsageError: the suffix is none of the three.
+        SkillError: the file cannot be written.
+    """
+    suffix = format_of(path)
+    with replacing(path) as (temporary,), styled():
+        temporary.write_bytes(encoded(draw_robot(robot, start, goals), suffix))
+
+
+def format_of(path: Path) -> str:
+    """The format that the suffix of a path names.
+
+    Raises:
+        UsageError: it is none of `FORMATS`.
+    """
     suffix = path.suffix.lower().removeprefix(".")
     if suffix not in FORMATS:
         raise UsageError(f"cannot draw a figure as {path.name!r}", f"end its name in {', '.join(FORMATS)}")
-    with styled():
-        return encoded(draw(drawable(scene)), suffix)
+    return suffix
 
 
 def draw(scene: Scene) -> Figure:

@@ -60,7 +60,7 @@ def test_a_bundled_robot_is_found_by_its_name_and_others_by_their_path(six: Path
 @pytest.mark.parametrize("task", ["reach", "push"])
 def test_tasks_have_the_sizes_of_the_arm(six: Path, task: str) -> None:
     world = World.of(resolve({"name": "six", "robot": str(six), "task": {"name": task}}))
-    env = world.make(2, 1, delay=True)
+    env = world.make_env(2, 1, delay=True)
     assert (env.action_size, env.joints, env.observation_size) == (6, 6, 9) and world.sizes[:2] == (9, 6)
     gain = np.full((2, 6), 1.2)
     env.randomize({"gain": gain, "joint_noise": np.full(2, 0.01), "latency": np.full(2, 0.05)}, np.random.default_rng(0))
@@ -85,9 +85,8 @@ def test_skills_of_six_joints_are_trained_composed_transferred_and_drawn(six: Pa
 
 
 def test_values_for_other_joints_than_there_are_are_refused(six: Path, tmp_path: Path) -> None:
-    world = World.of(resolve({"name": "six", "robot": str(six), "task": {"name": "reach", "start": [0.0] * 7}}))
     with pytest.raises(UsageError, match="the arm has 6 joints, the start 7 angles"):
-        world.make(1)
+        resolve({"name": "six", "robot": str(six), "task": {"name": "reach", "start": [0.0] * 7}})
     six.write_text(six.read_text(encoding="utf-8").replace("[2, 2, 2, 2, 3, 3]", "[2, 2]"), encoding="utf-8")
     with pytest.raises(UsageError, match="speed_limit: expected 6 values, one for each joint, got 2"):
         load_robot(six)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -62,6 +63,12 @@ def _ring() -> tuple[Route, ...]:
     return tuple(((round(0.2 * math.cos(angle), 4), round(0.2 * math.sin(angle), 4)),) for angle in angles)
 
 
+def _place(given: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
+    from skillcli.tasks.push.placement import place_push
+
+    return place_push(given, robot)
+
+
 TASK = TaskSpec(
     name="push",
     description="the arm's finger pushes a box over the table, with real contact",
@@ -71,6 +78,8 @@ TASK = TaskSpec(
     example="0.1,-0.1",
     check_goal=_check_goal,
     check_start=_check_start,
+    placed=("box_start", "start", "action_limit"),
+    place=_place,
     compositions={"ring": _ring()},
     cost_to_go=lambda task: BoxCostToGo((task.box_size[0] / 2, task.box_size[1] / 2)),
     drawing=Drawing(((0, 1),), "box", goal_size=2, goals_from_start=True),

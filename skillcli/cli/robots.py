@@ -1,0 +1,129 @@
+"""Commands about arms: list them, show one, make a robot file for a new one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from skillcli.cli.session import Session
+from skillcli.errors import UsageError
+
+if TYPE_CHECKING:
+    from rich.console import Group
+
+    from skillcli.robots.robot import Robot
+
+robots_app = typer.Typer(help="Robots: list them, show one, or make a robot file for a new arm.", invoke_without_command=True)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the app."""
+    app.add_typer(robots_app, name="robots", rich_help_panel="Look")
+
+
+@robots_app.callback()
+def robots(context: typer.Context) -> None:
+    """List the robots that come with skill."""
+    if context.invoked_subcommand:
+        return
+    from rich.table import Table
+
+    from skillcli.robots.config import bundled_robots, describe_robot
+
+    session: Session = context.obj
+    table = Table("robot", "joints", "what it is")
+    listed = []
+    for name in bundled_robots():
+        found = describe_robot(name)
+        table.add_row(name, str(len(found.joints)), found.description)
+        listed.append({"name": name, "joints": list(found.joints), "description": found.description})
+    session.result({"robots": listed}, table)
+
+
+@robots_app.command("show")
+def show(
+    context: typer.Context,
+    which: Annotated[str, typer.Argument(metavar="NAME|FILE", help="A name of `skill robots`, or a robot file.")],
+    png: Annotated[Path | None, typer.Option("--png", help="Draw the arm at its start, with its workspace.")] = None,
+) -> None:
+    """Print an arm's joints, limits, servos and workspace, and what was found on loading it."""
+    from skillcli.robots.robot import load_robot
+
+    session: Session = context.obj
+    robot = load_robot(which)
+    if png is not None:
+        _draw(robot, which, png)
+    session.result({**_payload(robot), "png": None if png is None else str(png)}, _sheet(robot, png))
+
+
+def _draw(robot: Robot, which: str, png: Path) -> None:
+    """The arm where the reach task starts, with the goals of that task; at home where the task has no room."""
+    import numpy as np
+
+    from skillcli.recipe import resolve
+    from skillcli.viz.figures import robot_figure
+
+    start, goals = robot.home, np.zeros((0, 3))
+    try:
+        task = resolve({"name": "show", "robot": which, "task": {"name": "reach"}}).task
+        start, goals = getattr(task, "start", start), np.array(task.goals)
+    except UsageError:
+        pass
+    robot_figure(robot, start, goals, png)
+
+
+def _payload(robot: Robot) -> dict[str, Any]:
+    import numpy as np
+
+    rows = []
+    for name, joint, speed in zip(robot.description.joints, robot.names.joints, robot.speed_limit, strict=True):
+        found = robot.model.joint(joint)
+        limited = bool(robot.model.jnt_limited[found.id])
+        low, high = (float(x) for x in found.range) if limited else (None, None)
+        rows.append({"name": name, "low": low, "high": high, "speed": float(speed) if np.isfinite(speed) else None})
+    return {
+        "name": robot.name,
+        "description": robot.description.description,
+        "joints": rows,
+        "home": list(robot.home),
+        "servos": _servos(robot),
+        "workspace": robot.workspace.model_dump(mode="json"),
+        "timestep": float(robot.model.opt.timestep),
+        "finger": "ours" if robot.description.finger is None else list(robot.description.finger),
+        "fingerprint": robot.fingerprint,
+        "notes": list(robot.notes),
+    }
+
+
+def _servos(robot: Robot) -> list[dict[str, float | None]]:
+    """Stiffness N·m/rad, damping N·m·s/rad and largest torque N·m of each joint; None: unlimited."""
+    rows = []
+    for name in robot.names.servos:
+        i = robot.model.actuator(name).id
+        force = float(robot.model.actuator_forcerange[i, 1]) if robot.model.actuator_forcelimited[i] else None
+        rows.append({
+            "kp": float(robot.model.actuator_gainprm[i, 0]), "kv": -float(robot.model.actuator_biasprm[i, 2]), "force": force,
+        })  # fmt: skip
+    return rows
+
+
+def _sheet(robot: Robot, png: Path | None) -> Group:
+    from rich.console import Group
+    from rich.table import Table
+    from rich.text import Text
+
+    found = _payload(robot)
+    table = Table("joint", "low", "high", "speed", "kp", "kv", "torque", "home")
+    for joint, servo, home in zip(found["joints"], found["servos"], found["home"], strict=True):
+        numbers = [joint["low"], joint["high"], joint["speed"], servo["kp"], servo["kv"], servo["force"], home]
+        table.add_row(joint["name"], *("–" if number is None else f"{number:.4g}" for number in numbers))
+    room = robot.workspace
+    lines = [
+        "rad, rad/s, N·m/rad, N·m·s/rad, N·m; –: no limit is known",
+        f"the finger reaches {room.reach:.2f} m from ({', '.join(f'{x:g}' for x in room.shoulder)})",
+        *(f"note: {note}" for note in robot.notes),
+        *([f"drawn: {png}"] if png else []),
+    ]
+    return Group(Text.assemble((robot.name, "bold"), f": {robot.description.description}"), table, Text("\n".join(lines)))

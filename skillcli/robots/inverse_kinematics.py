@@ -1,0 +1,144 @@
+"""Joint angles that bring the gripper to a place, found by bounded least squares (scipy) on MuJoCo's kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from scipy.optimize import least_squares
+
+from skillcli.robots.robot import Robot
+from skillcli.robots.scene import GRIPPER, LIMIT_MARGIN
+from skillcli.trajectories import Array
+
+REACHED = 1e-3  # m from the place: the gripper is there
+DOWN_WEIGHT = 5e-3  # m: what a gripper that points sideways counts as; small, so that the place always counts more
+NEAR_WEIGHT = 5e-4  # m/rad: of the distance from the posture to stay near to
+SEARCHES = 12  # from other postures, where the given one leads nowhere
+TOUCHING = 1e-3  # m of overlap that counts as a collision
+ALWAYS = 0.9  # share of random postures in which geoms overlap that are built into each other
+SAMPLED = 40  # random postures to find those
+
+
+class Posture(NamedTuple):
+    """The arm with its gripper at a place.
+
+    Attributes:
+        angles: (n,) rad.
+        down: cosine of the angle between the gripper's axis and straight down.
+    """
+
+    angles: Array
+    down: float
+
+
+class Kinematics:
+    """Where one arm can get its gripper to, and how.
+
+    Args:
+        robot: the arm, behind its table.
+        margin: how far all angles stay inside their ranges, rad.
+    """
+
+    def __init__(self, robot: Robot, margin: float = 0.1) -> None:
+        self.robot, self.model = robot, robot.model
+        self.data = mujoco.MjData(self.model)
+        joints = [self.model.joint(name) for name in robot.names.joints]
+        self._joints = np.array([joint.id for joint in joints])
+        self._qpos = np.array([joint.qposadr[0] for joint in joints])
+        self._dofs = np.array([joint.dofadr[0] for joint in joints])
+        self._site = self.model.site(GRIPPER).id
+        self.low, self.high = self._ranges(margin)
+        self._built_in = self._built_into_each_other()
+
+    def gripper(self, angles: Array) -> tuple[Array, Array]:
+        """Where the gripper is, (3,) m, and the direction that it points in, (3,), with the arm at angles (n,) rad."""
+        self.data.qpos[self._qpos] = angles
+        mujoco.mj_kinematics(self.model, self.data)
+        return self.data.site_xpos[self._site].copy(), self.data.site_xmat[self._site].reshape(3, 3)[:, 2].copy()
+
+    def height(self, angles: Array) -> float:
+        """How high the joints stand in the mean, m, with the arm at angles (n,) rad."""
+        self.gripper(angles)
+        return float(self.data.xanchor[self._joints, 2].mean())
+
+    def solve(self, place: Array, near: Array, down: bool = False) -> Posture | None:
+        """The first of `postures`, None where there is none."""
+        return next(self.postures(place, near, down), None)
+
+    def postures(self, place: Array, near: Array, down: bool = False) -> Iterator[Posture]:
+        """Postures without collision with the gripper at a place (3,) m, the one searched from `near` first.
+
+        Args:
+            place: in the frame of the base.
+            near: angles (n,) rad to begin with and to stay near to.
+            down: whether the gripper should point down, as far as the arm can.
+        """
+        rng = np.random.default_rng(0)
+        for search in range(1 + SEARCHES):
+            first = near if search == 0 else rng.uniform(self.low, self.high)
+            found = self._search(place, np.clip(first, self.low, self.high), near, down)
+            if found is not None:
+                yield found
+
+    def collides(self, angles: Array) -> bool:
+        """Whether anything overlaps with the arm at angles (n,) rad, but for parts that are built into each other."""
+        return bool(self._overlaps(angles) - self._built_in)
+
+    def passes(self, start: Array, end: Array, samples: int = 8) -> bool:
+        """Whether the arm gets from angles (n,) rad to others in a straight line without a collision."""
+        return not any(self.collides(start + share * (end - start)) for share in np.linspace(0, 1, samples + 1))
+
+    def _search(self, place: Array, first: Array, near: Array, down: bool) -> Posture | None:
+        weight = DOWN_WEIGHT if down else 0.0
+        straight_down = np.array([0.0, 0.0, -1.0])
+
+        def residual(angles: Array) -> Array:
+            at, axis = self.gripper(angles)
+            return np.concatenate([at - place, weight * (axis - straight_down), NEAR_WEIGHT * (angles - near)])
+
+        def jacobian(angles: Array) -> Array:
+            _, axis = self.gripper(angles)
+            mujoco.mj_comPos(self.model, self.data)
+            moves, turns = np.zeros((3, self.model.nv)), np.zeros((3, self.model.nv))
+            mujoco.mj_jacSite(self.model, self.data, moves, turns, self._site)
+            moves, turns = moves[:, self._dofs], turns[:, self._dofs]
+            return np.concatenate([moves, weight * np.cross(turns.T, axis).T, NEAR_WEIGHT * np.eye(len(angles))])
+
+        inside = np.clip(first, self.low + 1e-6, self.high - 1e-6)  # scipy starts strictly inside
+        angles: Array = least_squares(residual, inside, jacobian, bounds=(self.low, self.high), max_nfev=100).x
+        at, axis = self.gripper(angles)
+        if np.linalg.norm(at - place) > REACHED or self.collides(angles):
+            return None
+        return Posture(angles, float(-axis[2]))
+
+    def _ranges(self, margin: float) -> tuple[Array, Array]:
+        """Lowest and highest angle that each joint can have and its servo be told, (n,) rad each; without limits one turn."""
+        low, high = np.full(len(self._qpos), -np.pi), np.full(len(self._qpos), np.pi)
+        for index, (name, servo) in enumerate(zip(self.robot.names.joints, self.robot.names.servos, strict=True)):
+            joint = self.model.joint(name)
+            address = self.model.actuator_ctrladr[self.model.actuator(servo).id]
+            limits = [tuple(joint.range)] if self.model.jnt_limited[joint.id] else []
+            limits += [tuple(self.model.actuator_ctrlrange[address])] if self.model.actuator_ctrllimited[address] else []
+            if limits:
+                low[index], high[index] = max(pair[0] for pair in limits), min(pair[1] for pair in limits)
+        inside = np.minimum(margin + LIMIT_MARGIN, (high - low) / 4)
+        return low + inside, high - inside
+
+    def _built_into_each_other(self) -> set[tuple[int, int]]:
+        """Pairs of geoms that overlap wherever the arm stands."""
+        rng = np.random.default_rng(0)
+        counts: dict[tuple[int, int], int] = {}
+        for _ in range(SAMPLED):
+            for pair in self._overlaps(rng.uniform(self.low, self.high)):
+                counts[pair] = counts.get(pair, 0) + 1
+        return {pair for pair, count in counts.items() if count >= ALWAYS * SAMPLED}
+
+    def _overlaps(self, angles: Array) -> set[tuple[int, int]]:
+        self.data.qpos[self._qpos] = angles
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_comPos(self.model, self.data)
+        mujoco.mj_collision(self.model, self.data)
+        return {(int(c.geom1), int(c.geom2)) for c in self.data.contact if c.dist < -TOUCHING}

@@ -1,0 +1,66 @@
+"""Where the box and the arm start on an arm that the defaults were not written for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from skillcli.robots.inverse_kinematics import Kinematics
+from skillcli.robots.robot import Robot
+from skillcli.robots.scene import TABLE_TOP
+from skillcli.robots.start import POINTS_DOWN, find_start
+from skillcli.tasks.placement import given_start, largest_action, no_place
+from skillcli.tasks.push.settings import PushTask
+from skillcli.trajectories import Array
+
+BEHIND = 0.05  # m from a goal of the box to the finger that pushes it there
+AHEAD, ABOVE = 0.05, 0.08  # m: the start of the finger, from the middle of the box's top
+PLACES = tuple(float(x) for x in np.arange(0.3, 0.9, 0.05))  # m before the base that are tried for the box
+PUSH_HEIGHT = 0.03  # m above the table of a finger that pushes
+
+
+def place_push(given: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
+    """What the section `task` of a recipe leaves open: where the box starts, how the arm does, and the action limit.
+
+    Raises:
+        UsageError: the arm has no room.
+    """
+    usual = PushTask(start=robot.home)
+    kinematics = Kinematics(robot)
+    goals = np.array(given.get("goals", usual.goals), dtype=float)
+    height = float(given.get("box_size", usual.box_size)[2])
+    own = given_start(given, robot, robot.description.starts.get("push"))
+    box, start = _box_and_start(kinematics, goals, height, given.get("box_start"), own)
+    found = {
+        "box_start": box,
+        "start": start,
+        "action_limit": largest_action(robot, usual.action_limit, given.get("control_period", usual.control_period)),
+    }
+    return {key: item for key, item in found.items() if key not in given or (key == "start" and not given[key])}
+
+
+def _box_and_start(
+    kinematics: Kinematics, goals: Array, height: float, box: Any, own: Any
+) -> tuple[list[float], tuple[float, ...]]:
+    usual = PushTask.model_fields["box_start"].default
+    centre = kinematics.robot.workspace.reach * 0.45
+    tried = sorted(((x, usual[1]) for x in PLACES), key=lambda place: abs(place[0] - centre)) if box is None else [box]
+    for x, y in tried:
+        reached = _finger_places(goals, x, y)
+        middle = np.array([x + AHEAD, y, TABLE_TOP + height + ABOVE])
+        start = find_start(kinematics, middle, reached, own, down=POINTS_DOWN)
+        if start is not None:
+            return [round(float(x), 3), round(float(y), 3)], start
+    keys = "task.start" if box is not None else "task.box_start and task.start, or smaller task.goals"
+    raise no_place(kinematics.robot, "push", keys)
+
+
+def _finger_places(goals: Array, x: float, y: float) -> Array:
+    """Where the finger has to get to around a box at x, y m: corners and edges of the square behind all goals, (9, 3) m."""
+    half = np.abs(goals).max(axis=0) + BEHIND
+    return np.array([
+        (x + a * half[0], y + b * half[1], TABLE_TOP + PUSH_HEIGHT) for a, b in product((-1, 0, 1), repeat=2)
+    ])  # fmt: skip

@@ -1,0 +1,68 @@
+"""Where the cuboid of goals lies on an arm that the default was not written for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from skillcli.robots.inverse_kinematics import Kinematics
+from skillcli.robots.robot import Robot
+from skillcli.robots.start import find_start
+from skillcli.tasks.placement import ROOM, SCALES, given_start, largest_action, no_place, relative_reach
+from skillcli.tasks.reach.settings import ReachTask
+from skillcli.trajectories import Array
+
+DISTANCES = (0.45, 0.4, 0.5, 0.35, 0.55, 0.3)  # of the cuboid's middle from the base, as shares of the arm's reach
+BASE_GAP = 0.03  # m between the column of the base and the nearest goal
+
+
+def place_reach(given: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
+    """What the section `task` of a recipe leaves open: goals, start and action limit for this arm.
+
+    Raises:
+        UsageError: the arm has no room.
+    """
+    usual = ReachTask(start=robot.home)
+    kinematics = Kinematics(robot)
+    own = given_start(given, robot, robot.description.starts.get("reach", robot.description.start))
+    goals, start = _goals_and_start(kinematics, own, given.get("goals"))
+    period = given.get("control_period", usual.control_period)
+    found = {
+        "goals": [[round(float(x), 3) for x in goal] for goal in goals],
+        "start": list(start),
+        "action_limit": largest_action(robot, usual.action_limit, period),
+    }
+    return {key: item for key, item in found.items() if key not in given or (key == "start" and not given[key])}
+
+
+def _goals_and_start(kinematics: Kinematics, own: Any, given: Any) -> tuple[Array, tuple[float, ...]]:
+    robot = kinematics.robot
+    if given is not None:
+        goals = np.array(given, dtype=float)
+        start = tuple(own) if own else find_start(kinematics, goals.mean(axis=0), goals, None)
+        if start is None:
+            raise no_place(robot, "reach", "task.start")
+        return goals, start
+    usual = np.array(ReachTask.model_fields["goals"].default)
+    distances = [distance * robot.workspace.reach for distance in DISTANCES]
+    if own:
+        distances.insert(0, float(kinematics.gripper(np.array(own))[0][0]))  # around where the arm starts
+    for scale in SCALES:
+        for distance in distances:
+            goals = _cuboid(usual, scale * min(1.0, relative_reach(robot)), distance)
+            middle = goals.mean(axis=0)
+            if goals[:, 0].min() < robot.workspace.base_radius + BASE_GAP:
+                continue
+            start = find_start(kinematics, middle, middle + ROOM * (goals - middle), own)
+            if start is not None:
+                return goals, start
+    raise no_place(robot, "reach", "task.goals and task.start")
+
+
+def _cuboid(usual: Array, scale: float, distance: float) -> Array:
+    """The usual goals, scaled about the origin, with their middle at a distance in m before the base, (K, 3) m."""
+    goals = scale * usual
+    goals[:, 0] += distance - goals[:, 0].mean()
+    return goals
