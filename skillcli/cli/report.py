@@ -45,7 +45,7 @@ def report(
     for row in done.page.todo:
         session.say(f"no number: {row.what}: `{row.todo}` gives it")
     size = done.html.stat().st_size / 1e6
-    counted = f"{len(done.page.drawings)} figures, also in {done.folder}; {len(done.page.origins)} artifacts"
+    counted = f"{len(done.page.figures)} figures, also in {done.folder}; {len(done.page.origins)} artifacts"
     session.result(_payload(done), f"{done.html} ({size:.1f} MB): {counted}")
 
 
@@ -54,13 +54,13 @@ def _payload(done: Reported) -> dict[str, Any]:
         "html": str(done.html),
         "figures": [
             {
-                "paper_figure": drawing.paper_figure,
-                "title": drawing.title,
-                "file": str(done.folder / f"{drawing.slug}.pdf"),
-                "png": str(done.folder / f"{drawing.slug}.png"),
-                "artifacts": list(drawing.artifacts),
+                "paper_figure": figure.paper_figure,
+                "title": figure.title,
+                "file": str(done.folder / f"{figure.slug}.pdf"),
+                "png": str(done.folder / f"{figure.slug}.png"),
+                "artifacts": list(figure.artifacts),
             }
-            for drawing in done.page.drawings
+            for figure in done.page.figures
         ],
         "artifacts": [origin.id for origin in done.page.origins],
         "not_drawn": [{"figure": missing.what, "reason": missing.reason} for missing in done.page.not_drawn],

@@ -156,7 +156,7 @@ def _once(domains: Sequence[DomainResults]) -> list[str]:
 def _unstable(domains: Sequence[DomainResults]) -> list[str]:
     """Of domains in which simulations came apart."""
     told = [f"{each.name} in {each.unstable} of {each.episodes} episodes" for each in domains if each.unstable]
-    return [f"unstable: {', '.join(told)}; the simulation came apart, no distance is counted"] if told else []
+    return [f"unstable: {', '.join(told)}; the simulation diverged, no distance is counted"] if told else []
 
 
 def _gave_up(domains: Sequence[DomainResults]) -> list[str]:

@@ -16,7 +16,7 @@ from skillcli.store import Artifact, ArtifactId, Store
 from skillcli.viz.files import replacing
 from skillcli.viz.report.comparison import tables
 from skillcli.viz.report.content import Missing, Origin, Page, RecipeText
-from skillcli.viz.report.pictures import SLUGS, drawings
+from skillcli.viz.report.figures import SLUGS, make_figures
 from skillcli.viz.report.selection import Material, select
 
 SUFFIXES = ("pdf", "png")  # of the files beside the page
@@ -46,19 +46,19 @@ def report(store: Store, ids: Sequence[ArtifactId], path: Path) -> Reported:
 
     _check_place(path)
     material = select(store, ids)
-    drawn, not_drawn = drawings(material)
+    figures, missing = make_figures(material)
     page = Page(
-        drawings=drawn,
+        figures=figures,
         tables=tables(material),
         origins=[_origin(exhibit.artifact) for exhibit in material.exhibits],
         recipes=_recipes(material),
-        not_drawn=not_drawn,
+        not_drawn=missing,
         skipped=[Missing(str(one), reason) for one, reason in material.skipped],
         left_out=material.left_out,
         version=__version__,
     )
     folder = path.with_name(f"{path.stem}_figures")
-    files = {folder / f"{drawing.slug}.{suffix}": drawing.files[suffix] for drawing in drawn for suffix in SUFFIXES}
+    files = {folder / f"{figure.slug}.{suffix}": figure.files[suffix] for figure in figures for suffix in SUFFIXES}
     _write(folder, {**files, path: visible(render(page)).encode()})
     return Reported(path, folder, page)
 

@@ -43,7 +43,7 @@ def straight_distance(_: Any) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Drawing:
+class FigureSettings:
     """What to draw of a task, and how.
 
     Attributes:
@@ -103,4 +103,4 @@ class TaskSpec:
     placed: tuple[str, ...] = ()
     place: Callable[[Mapping[str, Any], Robot], dict[str, Any]] | None = None
     cost_to_go: Callable[[Any], Any] = straight_distance
-    drawing: Drawing = field(default_factory=Drawing)
+    figure_settings: FigureSettings = field(default_factory=FigureSettings)

@@ -1,12 +1,12 @@
-"""Results made visible: recordings for the viewer and figures for paper, from one plain `Scene`.
+"""Show results: recordings for the viewer and figures for paper, from one plain `Scene`.
 
-Figures look the same for everybody: what matplotlib takes from its surroundings when it is loaded is set here, before that.
+Figures must look the same everywhere, so matplotlib's settings are fixed here before it is imported.
 """
 
 import logging
 import os
 
-os.environ["MPLBACKEND"] = "agg"  # a notebook's would open windows, or is not installed here
-os.environ["MATPLOTLIBRC"] = os.devnull  # settings of one's own, which may ask for LaTeX
+os.environ["MPLBACKEND"] = "agg"  # a notebook's backend would open windows, or is not installed
+os.environ["MATPLOTLIBRC"] = os.devnull  # user settings may ask for LaTeX
 logging.getLogger("matplotlib").setLevel(logging.CRITICAL)  # remarks about settings, caches and fonts
-os.environ["RUST_LOG"] = "off"  # rerun's log; what went wrong is told by ourselves
+os.environ["RUST_LOG"] = "off"  # rerun's log; skill reports its errors itself

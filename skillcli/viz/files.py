@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, one or several together."""
+"""Write one or several files so that they appear complete or not at all."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from pathlib import Path
 from skillcli.errors import SkillError
 
 FORMATS = ("png", "pdf", "svg")  # of figures
-TEMPORARY = ".tmp-"  # as the store names unfinished files, so that `skill gc` knows those in its folder for what they are
+TEMPORARY = ".tmp-"  # prefix of the store's unfinished files, so that `skill gc` finds them in its folder
 
 
 @contextmanager
 def replacing(*paths: Path) -> Iterator[tuple[Path, ...]]:
-    """Yield a temporary path beside each of `paths`; when the block succeeds they get their names, on the disk for good.
+    """Yield a temporary path beside each of `paths`; after the block, flush the files and rename them.
 
     Raises:
-        SkillError: a folder or the disk does not take a file; whatever was at `paths` before is untouched.
+        SkillError: a folder or the disk refuses a file; the files at `paths` are unchanged.
     """
     temporary = tuple(map(_beside, paths))
     path = paths[0] if paths else Path()
@@ -28,7 +28,7 @@ def replacing(*paths: Path) -> Iterator[tuple[Path, ...]]:
         for path, unfinished in zip(paths, temporary, strict=True):
             if path.is_dir():
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-            unfinished.touch(exist_ok=False)  # said before the work
+            unfinished.touch(exist_ok=False)  # fail before the work
         yield temporary
         for unfinished in temporary:
             _flush(unfinished)

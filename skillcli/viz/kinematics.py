@@ -1,4 +1,4 @@
-"""Where the bodies of a MuJoCo model are, and what they look like: primitives and poses, no viewer."""
+"""Poses and shapes of the bodies of a MuJoCo model, as primitives, without a viewer."""
 
 from __future__ import annotations
 
@@ -33,30 +33,30 @@ class Shape(NamedTuple):
 
 
 def xyzw(wxyz: Array) -> Array:
-    """Quaternions with the scalar last; MuJoCo keeps it first. (..., 4) → (..., 4)."""
+    """Convert quaternions from MuJoCo's order, scalar first, to scalar last. (..., 4) → (..., 4)."""
     return np.roll(wxyz, -1, axis=-1)
 
 
 def body_name(model: mujoco.MjModel, body: int) -> str:
-    """The body's name, or its number when it has none."""
+    """Return the body's name, or its number if it has none."""
     return str(model.body(body).name) or f"body_{body}"
 
 
 def moves(model: mujoco.MjModel, body: int) -> bool:
-    """Whether any joint can move the body."""
+    """Return whether any joint can move the body."""
     return int(model.body_weldid[body]) != 0
 
 
 def of_arm(model: mujoco.MjModel, joints: tuple[str, ...], body: int) -> bool:
-    """Whether the body belongs to the arm with these joints, from its base on."""
+    """Return whether the body belongs to the arm with these joints, from its base on."""
     return int(model.body_rootid[body]) == int(model.body_rootid[model.joint(joints[0]).bodyid[0]])
 
 
 def shapes(model: mujoco.MjModel) -> dict[int, list[Shape]]:
-    """The primitives to draw of each body that has some.
+    """Return the primitives to draw of each body that has some.
 
-    A body that has collision geoms only is drawn by these. Planes, meshes and height fields are left out: the models
-    here are made of primitives.
+    A body with collision geoms only is drawn by these. Planes, meshes and height fields are left out: the models here are
+    made of primitives.
     """
     dressed = {int(b) for b in model.geom_bodyid[model.geom_group <= LAST_VISUAL_GROUP]}
     found: dict[int, list[Shape]] = {}
@@ -75,7 +75,7 @@ def shapes(model: mujoco.MjModel) -> dict[int, list[Shape]]:
 
 
 def _color(model: mujoco.MjModel, geom: int) -> Array:
-    """Colour of a geom, (4,); a material wins over the geom's own colour, as in MuJoCo's viewer."""
+    """Return the colour of a geom, (4,); a material overrides the geom's own colour, as in MuJoCo's viewer."""
     material = int(model.geom_matid[geom])
     return np.array(model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom])
 
@@ -83,11 +83,11 @@ def _color(model: mujoco.MjModel, geom: int) -> Array:
 def body_poses(
     model: mujoco.MjModel, joints: tuple[str, ...], joint_position: Array, object_pose: Array | None = None
 ) -> tuple[Array, Array]:
-    """Poses of all bodies for a row of arm postures.
+    """Compute the poses of all bodies for a sequence of arm postures.
 
     Args:
-        model: of the scene, with a free joint `box` where there is an object pose.
-        joints: of the arm, as the model names them.
+        model: of the scene, with a free joint `box` if there is an object pose.
+        joints: names of the arm's joints in the model.
         joint_position: (n, joints) rad.
         object_pose: (n, 7) m and w x y z, or None.
 
@@ -109,7 +109,7 @@ def body_poses(
 
 
 def _address(model: mujoco.MjModel, joint: str) -> int:
-    """Where the joint's position starts in the state."""
+    """Return the index of the joint's position in the state."""
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint)
     if index < 0:
         names = ", ".join(repr(str(model.joint(i).name)) for i in range(model.njnt))
@@ -118,6 +118,6 @@ def _address(model: mujoco.MjModel, joint: str) -> int:
 
 
 def z_axis(quaternion: Array) -> Array:
-    """The direction that rotated shapes call z. (n, 4) x y z w → (n, 3)."""
+    """Return the z axis of rotated shapes. (n, 4) x y z w → (n, 3)."""
     x, y, z, w = np.moveaxis(quaternion, -1, 0)
     return np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=-1)

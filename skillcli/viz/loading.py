@@ -1,4 +1,4 @@
-"""What figures and the viewer need of an artifact, read from the store."""
+"""Load a `Scene` from the store, for figures and recordings."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ class Shown:
 
     runs: Runs
     labels: tuple[str, ...]  # (E,)
-    turn: Array | None = None  # (E,) which episode of its domain each one is, from 0; None: there are no domains
+    turn: Array | None = None  # (E,) index of each episode in its domain, from 0; None: there are no domains
     intervals: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     source: Trajectories | None = None
     other_robot: str = ""
-    drawn: Mapping[str, Array] = field(default_factory=dict)
+    parameters: Mapping[str, Array] = field(default_factory=dict)
 
 
 SCENES: ByKind[Callable[[Store, Artifact, Library], Shown]] = ByKind("figure or recording")
 
 
 def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
-    """Everything there is to draw of an artifact.
+    """Load everything that can be drawn of an artifact.
 
     Raises:
-        StoreError: it, or the skills it was made from, cannot be read; or nothing is drawn of its kind.
+        StoreError: it or its skills cannot be read, or its kind has no figure.
     """
     artifact = store.read(artifact_id)
     show = SCENES.of(artifact.kind)
@@ -49,7 +49,7 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
         kind=artifact.kind,
         runs=shown.runs,
         task=task.name,
-        drawing=library.world.spec.drawing,
+        figure_settings=library.world.spec.figure_settings,
         provenance=artifact.provenance(),
         trajectories=recording,
         model=library.world.model(),
@@ -68,12 +68,12 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
         source=shown.source,
         episode_source=turn % (shown.source.episodes if shown.source else 1),
         other_robot=shown.other_robot,
-        drawn=shown.drawn,
+        parameters=shown.parameters,
     )
 
 
 def _waypoints(store: Store, artifact: Artifact, library: Library) -> tuple[Array, Array, int]:
-    """Waypoints (W, 3) m of the plan that an artifact holds or was made from, their routes (W,), and how many routes."""
+    """Return waypoints (W, 3) m of the plan that an artifact holds or was made from, their routes (W,), and the route count."""
     for candidate in (artifact.id, *store.lineage(artifact.id)):
         if kind_spec(candidate.stage).holds("waypoints"):
             arrays = kin(store, candidate, library).arrays
@@ -115,23 +115,23 @@ def _transferred(store: Store, artifact: Artifact, library: Library) -> Shown:
         intervals={each.name: (each.success_rate, *each.ci95) for each in found.domains},
         source=_sent(store, artifact, library),
         other_robot=found.robot.file if found.robot else "",
-        drawn=_drawn(artifact, names),
+        parameters=_drawn(artifact, names),
     )
 
 
 def _sent(store: Store, artifact: Artifact, library: Library) -> Trajectories:
-    """What a transfer sent, as the source recorded it: each route of a composition, or each bare skill at its mean."""
+    """Return the source's recording of what a transfer sent: each route of a plan, or each bare skill at its mean."""
     parent, skills = kin(store, artifact.parents[0].id, library), len(library.names)
     recording = Trajectories(**parent.group("trajectories"))
     spec = kind_spec(parent.kind)
     if spec.holds("plan"):
         return recording
-    every = recording.episodes // skills if spec.holds("evaluation") else 1  # the mean comes first of each skill's latents
+    every = recording.episodes // skills if spec.holds("evaluation") else 1  # the mean is the first latent of each skill
     return recording.select(np.arange(skills) * every)
 
 
 def _drawn(artifact: Artifact, names: list[str]) -> dict[str, Array]:
-    """Parameters drawn for each episode of a transfer, (E,) or (E, n) by name; NaN where a domain leaves one alone."""
+    """Return the parameters of each episode of a transfer, (E,) or (E, n) by name; NaN if a domain does not vary one."""
     found: dict[str, Array] = {}
     domain = artifact.arrays["episodes/domain"]
     for index, each in enumerate(names):

@@ -1,4 +1,4 @@
-"""What the pictures need to know about recorded motion, computed from the arrays alone."""
+"""Facts about recorded motion that figures and recordings need, computed from the arrays alone."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import numpy as np
 
 from skillcli.metrics import final_distance, ordered_approach, ordered_moments
 from skillcli.trajectories import Array
-from skillcli.viz.palette import Look, fed_look
+from skillcli.viz.palette import Look, latent_look
 from skillcli.viz.scene import Runs, Scene
 
 MAX_PLAYED = 8  # episodes shown moving; more make a recording long, not clearer
-MAX_TRANSFERRED = 20  # the same over all domains of a transfer, but each domain has one
-SAME = 1e-6  # m: episodes of a domain that end nearer to each other than this count as one
+MAX_TRANSFERRED = 20  # the same over all domains of a transfer, but at least one each
+SAME = 1e-6  # m: episodes of a domain whose ends are nearer than this count as one
 
 
 class Piece(NamedTuple):
-    """Control steps `start` to `stop` of an episode, fed by one skill (-1: a latent that is no skill's mean)."""
+    """Control steps `start` to `stop` of an episode with one skill (-1: latents that are no skill's mean)."""
 
     start: int
     stop: int
@@ -27,17 +27,17 @@ class Piece(NamedTuple):
 
 
 def piece_look(scene: Scene, episode: int, piece: Piece) -> Look:
-    """The look of what a piece is fed, half-way through it: a blend has the colours of both its ends."""
-    return fed_look(piece.skill, scene.trajectories.latent[episode, (piece.start + piece.stop) // 2], scene.means)
+    """Return the style of a piece by its latent half-way: a blend has the colours of both its ends."""
+    return latent_look(piece.skill, scene.trajectories.latent[episode, (piece.start + piece.stop) // 2], scene.means)
 
 
 def domain(label: str) -> str:
-    """The domain in an episode's label: "real-like 4" is of "real-like"."""
+    """Return the domain in an episode's label: "real-like 4" is of "real-like"."""
     return label.rpartition(" ")[0] or label
 
 
 def domains(scene: Scene) -> dict[str, list[int]]:
-    """Episodes per domain, both in order of appearance."""
+    """Group episodes by domain, both in order of appearance."""
     groups: dict[str, list[int]] = {}
     for episode, label in enumerate(scene.episode_labels):
         groups.setdefault(domain(label), []).append(episode)
@@ -45,7 +45,7 @@ def domains(scene: Scene) -> dict[str, list[int]]:
 
 
 def episode_skill(scene: Scene, episode: int) -> int:
-    """The skill that an episode ran: the one fed, or that whose goal was its target when the latent was sampled."""
+    """Return the skill of an episode: the one it was conditioned on, or the one whose goal it had if its latent was sampled."""
     fed = int(scene.trajectories.skill[episode, 0]) if scene.trajectories.skill.shape[1] else -1
     if fed >= 0 or not len(scene.goals):
         return fed
@@ -55,7 +55,7 @@ def episode_skill(scene: Scene, episode: int) -> int:
 
 
 def mean_episodes(scene: Scene) -> dict[int, int]:
-    """For each skill that has one, the first episode run at its mean latent."""
+    """Map each skill to the first episode at its mean latent, if there is one."""
     fed = scene.trajectories.skill[:, 0] if scene.trajectories.skill.shape[1] else np.empty(0)
     found: dict[int, int] = {}
     for episode, skill in enumerate(fed):
@@ -65,13 +65,13 @@ def mean_episodes(scene: Scene) -> dict[int, int]:
 
 
 def path(scene: Scene, episode: int) -> Array:
-    """The judged point over the episode, (length+1, 3) m."""
+    """Return the path of the achieved goal over the episode, (length+1, 3) m."""
     moved: Array = scene.trajectories.achieved_goal[episode, : int(scene.trajectories.length[episode]) + 1]
     return moved
 
 
 def pieces(scene: Scene, episode: int) -> list[Piece]:
-    """The episode cut where the latent changes; a latent that changes at every step (a blend) is one piece."""
+    """Split the episode where the latent changes; a latent that changes at every step (a blend) is one piece."""
     length = int(scene.trajectories.length[episode])
     skill, latent = scene.trajectories.skill[episode, :length], scene.trajectories.latent[episode, :length]
     if scene.runs.held:
@@ -88,7 +88,7 @@ def pieces(scene: Scene, episode: int) -> list[Piece]:
 
 
 def _blends(piece: Piece, skill: Array, latent: Array) -> bool:
-    """Whether the latent moves at every step of the piece, as a blend between skills does."""
+    """Return whether the latent moves at every step of the piece, as in a blend between skills."""
     if piece.skill >= 0:
         return False
     rows = latent[piece.start : piece.stop]
@@ -96,7 +96,7 @@ def _blends(piece: Piece, skill: Array, latent: Array) -> bool:
 
 
 def passed(moved: Array, waypoints: Array, tolerance: float) -> Array:
-    """How many waypoints were passed, in order, before each row of a path: each in the moment that the judge takes.
+    """Count the waypoints passed in order before each row of a path, by the same rule as success.
 
     Args:
         moved: (n, 2) or (n, 3) m.
@@ -104,7 +104,7 @@ def passed(moved: Array, waypoints: Array, tolerance: float) -> Array:
         tolerance: m.
 
     Returns:
-        (n+1,) int; the last is the number passed in the end.
+        (n+1,) int; the last is the total.
     """
     moments, gaps = ordered_moments(moved, waypoints, tolerance)
     in_order = np.logical_and.accumulate(gaps <= tolerance)
@@ -113,13 +113,13 @@ def passed(moved: Array, waypoints: Array, tolerance: float) -> Array:
 
 
 def due_in(scene: Scene, episode: int) -> Array:
-    """The waypoints that an episode had to reach, in order, (W, 3) m."""
+    """Return the waypoints of an episode in order, (W, 3) m."""
     found: Array = scene.waypoints[scene.waypoint_route == scene.episode_route[episode]]
     return found
 
 
 def distance(scene: Scene, episode: int) -> Array:
-    """Distance to the next waypoint, or without waypoints to the target, (length+1,) m."""
+    """Return the distance to the next waypoint, or without waypoints to the target, (length+1,) m."""
     moved, waypoints, target = path(scene, episode), due_in(scene, episode), scene.trajectories.target[episode]
     if len(waypoints):
         order = passed(moved, waypoints, scene.tolerance)[:-1]
@@ -129,12 +129,12 @@ def distance(scene: Scene, episode: int) -> Array:
 
 
 def closest(scene: Scene, episode: int) -> Array:
-    """Closest approach to each waypoint in its turn, (W,) m: the figure that the composition itself reports."""
+    """Return the smallest distance to each waypoint in its turn, (W,) m, as in the results of the composition."""
     return ordered_approach(path(scene, episode), due_in(scene, episode), scene.tolerance)
 
 
 def reached(scene: Scene, episode: int) -> Array:
-    """Share of the waypoints passed so far, or without them whether the target is within tolerance, (length+1,)."""
+    """Return the share of waypoints passed so far, or without them whether the target is within tolerance, (length+1,)."""
     moved, waypoints = path(scene, episode), due_in(scene, episode)
     if not len(waypoints):
         within: Array = (distance(scene, episode) <= scene.tolerance).astype(float)
@@ -144,7 +144,7 @@ def reached(scene: Scene, episode: int) -> Array:
 
 
 def played(scene: Scene) -> list[int]:
-    """The episodes worth watching: each skill at its mean, or of each domain those that span it, or the first ones.
+    """Choose the episodes to show moving: each skill at its mean, or some of each domain from worst to best, or the first.
 
     The domain with the worst end comes first, and in it the worst episode.
     """
@@ -159,7 +159,7 @@ def played(scene: Scene) -> list[int]:
 
 
 def spanning(episodes: list[int], gaps: Array, count: int) -> list[int]:
-    """Of these episodes the three worst, a middle one and the best, worst first; fewer where fewer are wanted or differ.
+    """Choose the three worst episodes, a middle one and the best, worst first; fewer if fewer are asked for or differ.
 
     Args:
         episodes: to choose from.
@@ -174,7 +174,7 @@ def spanning(episodes: list[int], gaps: Array, count: int) -> list[int]:
 
 
 def sent(scene: Scene) -> Scene | None:
-    """What a transfer sent to its robots, as a scene of its own: one episode per route or skill; None where it is not known."""
+    """Make a scene of what a transfer sent to its robots, one episode per route or skill; None if it is unknown."""
     if scene.source is None:
         return None
     episodes = scene.source.episodes
@@ -186,5 +186,5 @@ def sent(scene: Scene) -> Scene | None:
         episode_route=routes,
         episode_labels=tuple(f"sent {episode}" for episode in range(episodes)),
         source=None,
-        drawn={},
+        parameters={},
     )

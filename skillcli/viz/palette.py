@@ -1,7 +1,7 @@
-"""One look per skill, told apart by colour, line style and marker, so that it survives a grey printer.
+"""One style per skill: colour, dashes and marker differ, so that skills can be distinguished in grey print.
 
-The colours are those of Okabe and Ito (https://jfly.uni-koeln.de/color/), readable with any colour vision; yellow and
-black are replaced because one is lost on white paper and the other on the viewer's dark ground.
+The colours are those of Okabe and Ito (https://jfly.uni-koeln.de/color/), readable with any colour vision. Yellow and black
+are replaced: one is invisible on white paper, the other on the viewer's dark background.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 
 BETWEEN = "#7F7F7F"  # a latent that is no skill's mean
 TARGET = "#2B2B2B"  # waypoints and tolerances on paper
-TARGET_IN_VIEWER = "#E8E8E8"  # the same on the viewer's dark ground
+TARGET_IN_VIEWER = "#E8E8E8"  # the same on the viewer's dark background
 
 
 class Look(NamedTuple):
@@ -32,9 +32,9 @@ class Look(NamedTuple):
 
 
 def look(index: int) -> Look:
-    """The look of skill (or domain) `index`; -1 is the look of an interpolated latent.
+    """Return the style of skill (or domain) `index`; -1 is a latent between skills.
 
-    After eight entries the colours repeat with other dashes, so 32 stay distinct.
+    After eight entries the colours repeat with other dashes, so 32 are distinct.
     """
     if index < 0:
         return Look(BETWEEN, ":", ".")
@@ -42,20 +42,20 @@ def look(index: int) -> Look:
     return Look(COLORS[slot], DASHES[(slot + turn) % len(DASHES)], MARKERS[(slot + turn) % len(MARKERS)])
 
 
-def fed_look(skill: int, latent: Array, means: Array) -> Look:
-    """The look of a latent (d,) that is fed: its skill's, or between skills a mix of the two colours whose means (K, d) are
-    nearest, the nearer the more."""
+def latent_look(skill: int, latent: Array, means: Array) -> Look:
+    """Return the style of a latent (d,): that of its skill, or between skills a mix of the colours of the two nearest means
+    (K, d), weighted by nearness."""
     if skill >= 0 or len(means) < 2:
         return look(skill)
     distance = np.linalg.norm(means - latent, axis=1)
     first, second = (int(k) for k in np.argsort(distance, kind="stable")[:2])
-    share = distance[second] / max(distance[first] + distance[second], 1e-12)  # of the nearer one
+    share = distance[second] / max(distance[first] + distance[second], 1e-12)  # weight of the nearer one
     nearer, farther = (np.array(rgba(look(k).color)[:3]) for k in (first, second))
     mixed = np.round(share * nearer + (1 - share) * farther).astype(int)
     return Look("#{:02X}{:02X}{:02X}".format(*mixed), ":", ".")
 
 
 def rgba(color: str, alpha: float = 1.0) -> tuple[int, int, int, int]:
-    """A hexadecimal colour as bytes."""
+    """Convert a hexadecimal colour to bytes."""
     red, green, blue = (int(color[i : i + 2], 16) for i in (1, 3, 5))
     return red, green, blue, round(255 * alpha)

@@ -1,4 +1,4 @@
-"""What there is to show: plain data of one artifact, handed over by a stage."""
+"""`Scene`: everything to show of one artifact, as plain data."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from skillcli.plaintext import line
-from skillcli.tasks.spec import Drawing
+from skillcli.tasks.spec import FigureSettings
 from skillcli.trajectories import Array, Trajectories
 
 LONGEST = 40  # characters of a name on a figure
@@ -26,42 +26,44 @@ class Runs(Enum):
 
     @property
     def held(self) -> bool:
-        """Whether every episode holds one latent from the start to the end."""
+        """Return whether every episode holds one latent from start to end."""
         return self in (Runs.SAMPLED, Runs.BETWEEN)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """One artifact as it is drawn. `E` episodes, `K` skills, `W` waypoints, latents of `d` components.
+    """One artifact to be drawn. `E` episodes, `K` skills, `W` waypoints, latents of `d` components.
 
-    Positions are in the frame of the robot's base. In the model the free joint of the box, where there is one, is named `box`.
+    Positions are in the frame of the robot's base. The free joint of a box in the model is named `box`.
     """
 
     title: str  # the artifact's id
     kind: str  # of the artifact
     runs: Runs
     task: str  # its name
-    drawing: Drawing  # how the task is drawn
+    figure_settings: FigureSettings  # how the task is drawn
     provenance: str  # markdown
     trajectories: Trajectories
-    model: mujoco.MjModel | None  # None where no engine simulates the task
-    joints: tuple[str, ...]  # of the arm, as the model names them
+    model: mujoco.MjModel | None  # None if no engine simulates the task
+    joints: tuple[str, ...]  # names of the arm's joints in the model
     skills: tuple[str, ...]  # (K,) names
     goals: Array  # (K, 3) m, the trained goals
-    waypoints: Array  # (W, 3) m, what a composition had to reach, in order
-    waypoint_route: Array  # (W,) which of the composition's routes each belongs to
-    episode_route: Array  # (E,) which of them each episode ran
+    waypoints: Array  # (W, 3) m, of a composition, in order
+    waypoint_route: Array  # (W,) route of each waypoint
+    episode_route: Array  # (E,) route of each episode
     tolerance: float  # m, success radius
-    means: Array  # (K, d) of the skills' latents
+    means: Array  # (K, d) mean latents of the skills
     stds: Array  # (K, d)
     curves: Mapping[str, Array]  # learning curves by name, (iterations,) each; may be empty
     episode_labels: tuple[str, ...]  # (E,) such as "skill 1", "skill 1, latent 3", "nominal 0", "mild 4"
-    intervals: Mapping[str, tuple[float, float, float]]  # per domain: success rate, its low and high end
+    intervals: Mapping[str, tuple[float, float, float]]  # per domain: success rate, and the ends of its interval
     # A transfer only:
-    source: Trajectories | None = None  # (R episodes) what was sent, as it went in the simulation it was made in
-    episode_source: Array = field(default_factory=lambda: np.zeros(0, dtype=int))  # (E,) which of those each episode repeats
-    other_robot: str = ""  # the file of the robot that episodes ran on where that is not `model`, whose joints would bend it
-    drawn: Mapping[str, Array] = field(default_factory=dict)  # parameters, (E,) or (E, n); NaN: the domain leaves it alone
+    source: Trajectories | None = None  # (R episodes) what was sent, as recorded in the simulation
+    episode_source: Array = field(
+        default_factory=lambda: np.zeros(0, dtype=int)
+    )  # (E,) episode of the source that each one repeats
+    other_robot: str = ""  # file of the robot that ran the episodes, if it is not `model`
+    parameters: Mapping[str, Array] = field(default_factory=dict)  # (E,) or (E, n); NaN: not varied by the domain
 
     def __post_init__(self) -> None:
         """Refuse labels and skills that do not match the arrays they name."""
@@ -75,19 +77,19 @@ class Scene:
         }
         if self.source is not None:
             counts["episode_source"] = (len(self.episode_source), self.trajectories.episodes)
-        counts |= {name: (len(values), self.trajectories.episodes) for name, values in self.drawn.items()}
+        counts |= {name: (len(values), self.trajectories.episodes) for name, values in self.parameters.items()}
         for name, (got, expected) in counts.items():
             if got != expected:
                 raise ValueError(f"scene {self.title}: {name} has {got} rows, expected {expected}")
 
 
 def readable(scene: Scene) -> Scene:
-    """A scene whose names are one line each, in which nothing acts."""
+    """Return the scene with names on one line each, without control characters."""
     return _renamed(scene, line, line, line)
 
 
 def drawable(scene: Scene) -> Scene:
-    """The same with names that are no formulas, nor endless."""
+    """Return the scene with names that are not formulas, and not too long."""
     plain = readable(scene)
     return _renamed(plain, _short, label, lambda name: _success_of(name, plain.skills))
 
@@ -96,7 +98,7 @@ Rename = Callable[[str], str]
 
 
 def _renamed(scene: Scene, short: Rename, long: Rename, curve: Rename) -> Scene:
-    """A scene with other texts: those with little room, those with more, and names of curves."""
+    """Return the scene with other texts: those with little room, those with more, and names of curves."""
     return replace(
         scene,
         title=short(scene.title),
@@ -109,7 +111,7 @@ def _renamed(scene: Scene, short: Rename, long: Rename, curve: Rename) -> Scene:
 
 
 def label(text: str) -> str:
-    """Text as matplotlib has to be given it to draw it as it is."""
+    """Escape a text so that matplotlib draws it literally."""
     return line(text).replace("$", r"\$")
 
 

@@ -1,4 +1,4 @@
-"""Opening a recording with the viewer that was installed beside this Python."""
+"""Open a recording with the viewer that is installed beside this Python."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ STDERR = 2  # file descriptor: stdout is kept for results
 
 
 def open_viewer(path: Path) -> subprocess.Popen[bytes]:
-    """Start the native viewer on a recording, and leave it running when this process ends.
+    """Start the native viewer on a recording; it keeps running when this process ends.
 
     Raises:
         SkillError: there is no such file, or no viewer.
@@ -26,7 +26,7 @@ def open_viewer(path: Path) -> subprocess.Popen[bytes]:
 
 
 def serve_web(path: Path) -> subprocess.Popen[bytes]:
-    """Serve a recording to the browser, to this machine only: the viewer would listen on all interfaces by itself.
+    """Serve a recording to the browser, to this machine only: by default the viewer would listen on all interfaces.
 
     Its messages, with the address to open, go to this process's stderr.
 
@@ -37,7 +37,7 @@ def serve_web(path: Path) -> subprocess.Popen[bytes]:
 
 
 def check(window: bool) -> None:
-    """Find out before the work whether a recording could be looked at, in a window or in a browser.
+    """Check before the work whether a recording can be shown, in a window or in a browser.
 
     Raises:
         SkillError: there is no viewer, or no display for its window.

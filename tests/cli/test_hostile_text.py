@@ -15,7 +15,7 @@ from rich.text import Text
 
 from skillcli.cli.terminal import Terminal
 from skillcli.store import STAGES, Artifact, ArtifactId, Draft, Store
-from skillcli.viz import canvas
+from skillcli.viz import figure_style
 
 EVIL = "\x1b]0;owned\x07\x1b[2J\x9b31m[/] [bold]:skull: $\\frac{$ `a` *b* | <b>\u202e\udc9b\r\b\x00 x"
 ACTING = {*map(chr, range(32)), *map(chr, range(127, 160)), "\u202e", "\udc9b"} - {"\n", "\t"}
@@ -60,7 +60,7 @@ def check(result: Result, *codes: int) -> Result:
 
 
 def test_names_and_remarks_act_nowhere(hostile: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(canvas, "DPI", 40)
+    monkeypatch.setattr(figure_style, "DPI", 40)
     monkeypatch.chdir(tmp_path)
     for words in (["ls"], ["gc"], ["verify", "--all"], ["diff", "evil/pretrain", "tiny/pretrain"], ["export", "evil"]):
         check(skill("--store", hostile, *words), 0, 1)
@@ -75,12 +75,12 @@ def test_names_and_remarks_act_nowhere(hostile: Path, tmp_path: Path, monkeypatc
 def test_pictures_and_recordings_take_any_name(
     hostile: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stage: str
 ) -> None:
-    monkeypatch.setattr(canvas, "DPI", 40)
+    monkeypatch.setattr(figure_style, "DPI", 40)
     check(skill("--store", hostile, "viz", f"evil/{stage}-v1", "-o", tmp_path / "a.rrd", "--png", tmp_path / "a.png"))
 
 
 def test_a_page_takes_any_name(hostile: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(canvas, "DPI", 40)
+    monkeypatch.setattr(figure_style, "DPI", 40)
     check(skill("--store", hostile, "report", "evil/transfer-eval-v1", "-o", tmp_path / "a.html"))
     page = (tmp_path / "a.html").read_text(encoding="utf-8")
     assert r"\x1b[2J" in page and not ACTING & {*page} and "<b>\\u202e" not in page

@@ -21,7 +21,7 @@ from pytest import MonkeyPatch
 from skillcli import stopping
 from skillcli.cli import trouble, typed
 from skillcli.cli.main import set_aside
-from skillcli.viz import canvas
+from skillcli.viz import figure_style
 
 pytestmark = pytest.mark.slow
 
@@ -120,7 +120,7 @@ def test_pictures_do_not_depend_on_settings_of_ones_own(chain: Path, tmp_path: P
 def test_a_disk_that_fills_while_drawing_leaves_nothing(
     chain: Path, tmp_path: Path, words: list[str], monkeypatch: MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(canvas, "DPI", 40)
+    monkeypatch.setattr(figure_style, "DPI", 40)
     monkeypatch.chdir(tmp_path)
     _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (9_000, most))

@@ -257,9 +257,7 @@ def test_a_robot_that_comes_apart_fails_and_leaves_no_nan(
     assert {*found["final_distance_m"].values(), *found["replay_error_m"].values()} == {None}
     assert [each["final_distance_m"] for each in found["worst"]] == [None, None]
     table = shown(artifact)
-    assert (
-        "unstable: nasty in 2 of 2 episodes; the simulation came apart, no distance is counted" in table and "nan" not in table
-    )
+    assert "unstable: nasty in 2 of 2 episodes; the simulation diverged, no distance is counted" in table and "nan" not in table
     draw(copy, artifact.id, tmp_path / "a.png")
 
 

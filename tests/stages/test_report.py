@@ -18,8 +18,8 @@ from skillcli.errors import SkillError, UnknownArtifact
 from skillcli.recipe import load_recipe, recipe_names, resolve
 from skillcli.stages.report import as_toml, report
 from skillcli.store import ArtifactId, Draft, Store
-from skillcli.viz import canvas
-from skillcli.viz.report import comparison, pictures
+from skillcli.viz import figure_style
+from skillcli.viz.report import comparison, figures
 from skillcli.viz.report.content import Number, Row
 from skillcli.viz.report.selection import Exhibit, select
 
@@ -50,9 +50,9 @@ class Reader(HTMLParser):
 @pytest.fixture(scope="module", autouse=True)
 def coarse() -> Iterator[None]:
     """Figures as coarse as can be: nobody looks at these."""
-    before, canvas.DPI = canvas.DPI, 40
+    before, figure_style.DPI = figure_style.DPI, 40
     yield
-    canvas.DPI = before
+    figure_style.DPI = before
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +122,7 @@ def test_json_names_the_figures_and_where_they_are(written: tuple[Any, Path], ch
         {figure["title"] for figure in said["figures"]},
         {lost["figure"].split(" (")[0] for lost in said["not_drawn"]},
     )
-    assert drawn | named == {subject.title for subject in pictures.SUBJECTS} and not drawn & named
+    assert drawn | named == {subject.title for subject in figures.SUBJECTS} and not drawn & named
 
 
 def test_the_same_store_gives_the_same_bytes(written: tuple[Any, Path], chain: Path, tmp_path: Path) -> None:
@@ -225,7 +225,7 @@ def test_runs_of_an_arm_go_on_with_their_last_value() -> None:
         curves = {"greedy_return": np.array(returns), "env_steps": 1000.0 * np.arange(1, len(returns) + 1)}
         return type("Run", (), {"scene": type("S", (), {"curves": curves})})
 
-    steps, returns = pictures._padded([run([1.0, 2.0]), run([3.0, 4.0, 5.0])])
+    steps, returns = figures._padded([run([1.0, 2.0]), run([3.0, 4.0, 5.0])])
     assert steps.tolist() == [1, 2, 3] and returns.tolist() == [[1, 2, 2], [3, 4, 5]]
 
 
@@ -270,14 +270,14 @@ def test_what_the_reference_artifacts_do_not_hold_is_said_with_a_command_that_gi
     todo = {row.todo for row in reference if row.todo}
     assert "skill compose reference-reach/embed-means --method ddpg --goal=0.5,0,0.15" in todo
     assert "skill compose reference-push-robust/embed-means --goal=-0.2,0.1" in todo
-    _, missing = pictures.drawings(select(shipped, [ArtifactId("reference-reach", "embed-means", 1)]))
+    _, missing = figures.make_figures(select(shipped, [ArtifactId("reference-reach", "embed-means", 1)]))
     (arms,) = [one for one in missing if one.what.startswith("Composer:")]
     assert "--latents continuous` and `skill compose reference-reach/embed-means" in arms.reason
 
 
 def test_the_reference_store_gives_the_papers_figures(shipped: Store, tmp_path: Path) -> None:
     material = select(shipped, [])
-    plans = {subject.slug: subject.plan(material) for subject in pictures.SUBJECTS}
+    plans = {subject.slug: subject.plan(material) for subject in figures.SUBJECTS}
     drawn = {slug for slug, plan in plans.items() if plan}
     assert {"figure-02-point", "figure-04-reach", "figure-05-composed", "figure-07-push", "figure-08-means"} <= drawn
     assert "figure-09-searched" in drawn and len(drawn) >= 8

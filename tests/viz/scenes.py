@@ -167,7 +167,7 @@ def make(kind: str, task: str, *, sampled: int = 2, model: Any = None, skills: t
         kind=kind,
         runs=RUNS[kind],
         task=task,
-        drawing=find_task(task).drawing,
+        figure_settings=find_task(task).figure_settings,
         provenance=f"# {task}/{kind}-v1\n\n| field | value |\n|---|---|\n| seed | 0 |\n| recipe | {task} |\n",
         trajectories=trajectories,
         model=None if task == "point" else (model or arm_model(task == "push")),
@@ -185,7 +185,7 @@ def make(kind: str, task: str, *, sampled: int = 2, model: Any = None, skills: t
         intervals=_intervals(trajectories.success, labels) if transfer else {},
         source=trajectories.select([0]) if transfer else None,
         episode_source=np.zeros(len(labels) if transfer else 0, dtype=int),
-        drawn={
+        parameters={
             "latency": np.where([label.startswith("real") for label in labels], 0.05 * half, np.nan),
             "gain": np.where([[label.startswith("real")] for label in labels], np.full((len(labels), 7), 1.25), np.nan),
         }

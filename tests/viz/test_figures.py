@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from skillcli.errors import SkillError, UsageError
-from skillcli.viz import canvas, motion, panels_space
+from skillcli.viz import figure_style, motion, subplots_space
 from skillcli.viz.figures import draw, figure
 from skillcli.viz.palette import look
 
@@ -35,7 +35,7 @@ def titles(drawn: Figure) -> list[str]:
     ],
 )
 def test_every_kind_gives_a_picture_with_ink(kind: str, task: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(canvas, "DPI", 60)  # coarse is enough here, and quick
+    monkeypatch.setattr(figure_style, "DPI", 60)  # coarse is enough here, and quick
     figure(scenes.make(kind, task), tmp_path / "scene.png")
     pixels = imread(tmp_path / "scene.png")[..., :3]
     assert pixels.shape[0] > 240 and pixels.shape[1] == 630
@@ -71,7 +71,7 @@ def test_an_executed_path_has_the_colour_of_each_piece() -> None:
 def test_a_mark_stands_where_a_limit_is_broken_first() -> None:
     scene = scenes.make("compose", "reach")
     drawn = draw(scenes.breaking(scene, 30))
-    (mark,) = [line for line in drawn.axes[0].lines if line.get_marker() == panels_space.BREAKS]
+    (mark,) = [line for line in drawn.axes[0].lines if line.get_marker() == subplots_space.VIOLATION]
     np.testing.assert_allclose(mark.get_xydata(), motion.path(scene, 0)[31:32, :2])
     named = [text.get_text() for text in drawn.legends[0].get_texts()]
     assert "first beyond a safety limit" in named
@@ -98,7 +98,7 @@ def test_the_nearest_passes_of_all_routes_stand_side_by_side() -> None:
 def test_goals_that_fall_together_share_a_label() -> None:
     texts = [text.get_text() for text in draw(scenes.make("pretrain", "reach")).axes[0].texts]
     assert sorted(texts) == ["1, 3", "2, 4", "5, 7", "6, 8"]
-    assert panels_space.coincident(np.array([[0.0, 0], [1, 0], [0, 0.1]]), 0.2) == [[0, 2], [1]]
+    assert subplots_space.coincident(np.array([[0.0, 0], [1, 0], [0, 0.1]]), 0.2) == [[0, 2], [1]]
 
 
 def test_the_title_says_what_and_how_many() -> None:

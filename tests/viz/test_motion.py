@@ -8,7 +8,7 @@ import scenes
 
 from skillcli.trajectories import Trajectories
 from skillcli.viz import motion
-from skillcli.viz.palette import fed_look, look
+from skillcli.viz.palette import latent_look, look
 from skillcli.viz.scene import Runs
 
 
@@ -129,7 +129,7 @@ def test_what_was_sent_is_measured_by_its_own_route() -> None:
 
 @pytest.mark.parametrize("name", ["episode_source", "latency"])
 def test_a_scene_refuses_a_source_or_parameters_that_do_not_match(name: str) -> None:
-    wrong = {"episode_source": np.zeros(5, dtype=int)} if name == "episode_source" else {"drawn": {name: np.zeros(5)}}
+    wrong = {"episode_source": np.zeros(5, dtype=int)} if name == "episode_source" else {"parameters": {name: np.zeros(5)}}
     with pytest.raises(ValueError, match=rf"{name} has 5 rows, expected \d"):
         replace(scenes.make("transfer-eval", "point"), **wrong)
 
@@ -196,5 +196,5 @@ def test_a_blend_has_the_colours_of_both_its_ends() -> None:
     blend = np.linspace(scene.means[0], scene.means[1], 11)[None, :10]
     data = replace(scene.trajectories, latent=np.concatenate([blend, scene.trajectories.latent[:1, 10:]], axis=1))
     middle = motion.piece_look(replace(scene, trajectories=data), 0, piece)
-    assert middle == fed_look(-1, (scene.means[0] + scene.means[1]) / 2, scene.means)
+    assert middle == latent_look(-1, (scene.means[0] + scene.means[1]) / 2, scene.means)
     assert motion.piece_look(scene, 0, motion.Piece(0, 1, 3)) == look(3)

@@ -10,7 +10,7 @@ from skillcli.errors import UsageError
 from skillcli.robots.robot import Robot
 from skillcli.tasks.goals import typed
 from skillcli.tasks.point.settings import PointTask
-from skillcli.tasks.spec import Drawing, TaskEnvironment, TaskSpec
+from skillcli.tasks.spec import FigureSettings, TaskEnvironment, TaskSpec
 from skillcli.trajectories import Array
 
 
@@ -39,5 +39,5 @@ TASK = TaskSpec(
     check_goal=_check_goal,
     compositions={"triangle": (((2.0, 1.0), (-2.0, 1.0), (0.0, -2.0)),)},
     uses_robot=False,
-    drawing=Drawing(((0, 1),), "point", ("m", 1.0), (1, 2), "m per step", goal_size=2),
+    figure_settings=FigureSettings(((0, 1),), "point", ("m", 1.0), (1, 2), "m per step", goal_size=2),
 )

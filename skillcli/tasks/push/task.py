@@ -14,7 +14,7 @@ from skillcli.robots.scene import TABLE_CENTRE, TABLE_HALF_SIZE
 from skillcli.tasks.goals import check_in_reach, listed
 from skillcli.tasks.push.cost_to_go import BoxCostToGo
 from skillcli.tasks.push.settings import PushTask
-from skillcli.tasks.spec import Drawing, Route, TaskEnvironment, TaskSpec
+from skillcli.tasks.spec import FigureSettings, Route, TaskEnvironment, TaskSpec
 from skillcli.trajectories import Array
 
 
@@ -82,5 +82,5 @@ TASK = TaskSpec(
     place=_place,
     compositions={"ring": _ring()},
     cost_to_go=lambda task: BoxCostToGo((task.box_size[0] / 2, task.box_size[1] / 2)),
-    drawing=Drawing(((0, 1),), "box", goal_size=2, goals_from_start=True),
+    figure_settings=FigureSettings(((0, 1),), "box", goal_size=2, goals_from_start=True),
 )

@@ -1,11 +1,11 @@
-"""An artifact as a rerun recording: arm, goals and paths in space, the way through the latent space, and series.
+"""Record an artifact for rerun: arm, goals and paths in space, the path through the latent space, and time series.
 
-Entities: `world` holds everything in space, `latent` the latent space, `series` what changes over a control step,
-`learning` the curves of training, `provenance` where it all came from, and `episode` what is known of the one that plays.
-In a transfer `source` holds what was sent, as it went in the simulation. The chosen episodes are played one after another
-on the timelines `step` and `sim_time`; learning has its own, `iteration`.
+Entities: `world` holds everything in space, `latent` the latent space, `series` what changes over control steps,
+`learning` the learning curves, `provenance` the origin, and `episode` the facts about the playing episode. In a transfer
+`source` shows the same episode in the simulation. The chosen episodes play one after another on the timelines `step` and
+`sim_time`; learning has its own, `iteration`.
 
-This package is the only place that knows rerun.
+Only this package imports rerun.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def record(scene: Scene, path: Path) -> list[str]:
 
     Args:
         scene: what to show.
-        path: the file to write; nothing is left there when writing fails.
+        path: the file to write; on failure nothing is left there.
 
     Returns:
         The entity paths in the file, sorted.
@@ -46,15 +46,15 @@ def record(scene: Scene, path: Path) -> list[str]:
 
 
 def write(scene: Scene, path: Path) -> list[str]:
-    """As `record`, in place.
+    """Write like `record`, but in place.
 
     Raises:
-        OSError: the disk does not take it.
-        SkillError: it does not read back.
+        OSError: the disk refuses.
+        SkillError: the file does not read back.
     """
     scene = readable(scene)
     stream = rr.RecordingStream(slug(f"skill-{scene.title}"), recording_id=uuid.uuid4())
-    memory = stream.memory_recording()  # rerun's own writing to a disk that is full hangs, or does not say why
+    memory = stream.memory_recording()  # rerun itself hangs on a full disk, or gives no reason
     stream.send_blueprint(blueprint(scene), make_active=False)
     _log_all(stream, scene)
     path.write_bytes(memory.drain_as_bytes())
@@ -62,7 +62,7 @@ def write(scene: Scene, path: Path) -> list[str]:
 
 
 def _entities(path: Path) -> list[str]:
-    """Entity paths of a finished file, which is so also seen to be readable."""
+    """List the entity paths of a finished file, which also checks that it can be read."""
     try:
         found = {chunk.entity_path for chunk in RrdReader(path).stream()}
     except (RuntimeError, ValueError) as error:

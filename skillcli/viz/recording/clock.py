@@ -11,19 +11,19 @@ from skillcli.trajectories import Array
 from skillcli.viz import motion
 from skillcli.viz.scene import Scene
 
-PAUSE_S = 0.5  # the arm rests between two episodes, so that the eye sees where one ends
+PAUSE_S = 0.5  # rest between two episodes, so that their end is visible
 
 
 class Clock(NamedTuple):
-    """Where one played episode lies on the timelines."""
+    """The place of one played episode on the timelines."""
 
     episode: int
     first_step: int
     start: float  # s
-    time: Array  # (T+1,) s, of the recording that plays: what is shown beside it, a source say, may have another
+    time: Array  # (T+1,) s, of the playing recording; a source beside it may have another
 
     def columns(self, rows: slice) -> list[rr.TimeColumn]:
-        """Time columns of these rows of the episode."""
+        """Return the time columns of these rows of the episode."""
         steps = np.arange(len(self.time))[rows]
         since = np.round(1e9 * (self.time[rows] - self.time[0] + self.start)).astype("timedelta64[ns]")
         return [
@@ -33,7 +33,7 @@ class Clock(NamedTuple):
 
 
 def clocks(scene: Scene) -> list[Clock]:
-    """The played episodes, one after another."""
+    """Place the played episodes one after another."""
     time, played, step, start = scene.trajectories.time, list[Clock](), 0, 0.0
     for episode in motion.played(scene):
         played.append(Clock(episode, step, start, time))

@@ -1,4 +1,4 @@
-"""The latent space with the skills in it, and the markers that move through it and through space."""
+"""The latent space with its skills, and the markers that move through it and through space."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from skillcli.viz.scene import Runs, Scene
 
 
 def log_means(stream: rr.RecordingStream, scene: Scene) -> None:
-    """The skills' latents: means with names, and one-sigma ellipsoids."""
+    """Log the skills' latents: means with names, and one-sigma ellipsoids."""
     if not len(scene.means):
         return
     means, stds, colors = in_space(scene.means), in_space(scene.stds), skill_colors(scene)
@@ -27,7 +27,7 @@ def log_means(stream: rr.RecordingStream, scene: Scene) -> None:
     stream.log("latent/means", points, static=True)
     names = rr.Points3D(means, radii=0, colors=rgba(TARGET_IN_VIEWER), labels=called(scene), show_labels=True)
     stream.log("latent/names", names, static=True)
-    thin = latent_extent(scene) / 1000  # an ellipsoid needs some height in a dimension the latent does not have
+    thin = latent_extent(scene) / 1000  # an ellipsoid needs some height in a missing dimension
     shells = rr.Ellipsoids3D(
         centers=means,
         half_sizes=np.maximum(stds, thin),
@@ -38,12 +38,12 @@ def log_means(stream: rr.RecordingStream, scene: Scene) -> None:
 
 
 def log_moving(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
-    """A named marker on the judged point and one on the latent that is fed."""
+    """Log a named marker at the achieved goal and one at the present latent."""
     data = scene.trajectories
     length = int(data.length[clock.episode])
-    transferred = scene.runs is Runs.DOMAINS  # the label of the marker has its colour
+    transferred = scene.runs is Runs.DOMAINS  # a label has the colour of its marker
     color = rgba(TARGET_IN_VIEWER if transferred else episode_color(scene, clock.episode))
-    # elsewhere the goal's own label says it, and two on one place cannot be read
+    # elsewhere the goal has the same label, and two at one place are unreadable
     said = [title(scene, clock.episode)] if transferred else None
     fed = in_space(data.latent[clock.episode, :length])
     for entity, rows, radius, where, labels in (
@@ -52,7 +52,7 @@ def log_moving(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
     ):
         if not len(where):
             continue
-        # colour and name hold until the next episode begins; only the place changes with every step
+        # colour and name hold until the next episode; only the position changes with every step
         first = rr.Points3D.columns(colors=[color], radii=[radius], labels=labels)
         stream.send_columns(entity, clock.columns(slice(rows.start, rows.start + 1)), first)
         stream.send_columns(entity, clock.columns(rows), rr.Points3D.columns(positions=where))
@@ -63,7 +63,7 @@ def log_moving(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
 
 
 def _log_source(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
-    """In a transfer, the judged point of the source at the same time."""
+    """Log the source's achieved goal at the same time, in a transfer."""
     sent = motion.sent(scene)
     if sent is None:
         return

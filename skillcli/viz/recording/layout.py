@@ -1,4 +1,4 @@
-"""Names, colours and sizes that the parts of a recording agree on."""
+"""Names, colours and sizes shared by the parts of a recording."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from skillcli.viz.scene import Runs, Scene
 
 
 def key(scene: Scene, episode: int) -> str:
-    """The episode as one part of an entity path: sorted by number, readable by label."""
+    """Return an episode as one part of an entity path: sorted by number, readable by label."""
     return f"{episode:03d}-{slug(scene.episode_labels[episode])}"
 
 
 def slug(text: str) -> str:
-    """Any text as one part of an entity path that needs no escapes."""
+    """Turn any text into one part of an entity path that needs no escapes."""
     return re.sub(r"[^A-Za-z0-9_.-]+", "-", text).strip("-") or "unnamed"
 
 
 def group(scene: Scene, episode: int) -> str:
-    """The folder of an episode's path: its domain in a transfer, its skill where one skill ran, else "composed"."""
+    """Return the folder of an episode's path: its domain in a transfer, its skill if one skill ran, else "composed"."""
     if scene.runs is Runs.DOMAINS:
         return slug(motion.domain(scene.episode_labels[episode]))
     if scene.runs is Runs.PLANNED:
@@ -33,17 +33,17 @@ def group(scene: Scene, episode: int) -> str:
 
 
 def called(scene: Scene) -> list[str]:
-    """What the skills are called in space, (K,): a bare number could be that of a waypoint."""
+    """Return the names of the skills in space, (K,): a bare number could be that of a waypoint."""
     return [f"skill {name}" if name.isdecimal() else name for name in scene.skills]
 
 
 def skill_colors(scene: Scene) -> list[str]:
-    """One colour per skill, (K,)."""
+    """Return one colour per skill, (K,)."""
     return [look(k).color for k in range(len(scene.skills))]
 
 
 def episode_color(scene: Scene, episode: int) -> str:
-    """Colour of an episode as a whole: its domain's in a transfer, else its skill's."""
+    """Return the colour of an episode: its domain's in a transfer, else its skill's."""
     if scene.runs is Runs.DOMAINS:
         return look(list(motion.domains(scene)).index(motion.domain(scene.episode_labels[episode]))).color
     first = motion.pieces(scene, episode)
@@ -51,12 +51,12 @@ def episode_color(scene: Scene, episode: int) -> str:
 
 
 def curve_path(name: str) -> str:
-    """Where a learning curve is kept: "success/skill 1" is success/skill-1."""
+    """Return the entity of a learning curve: "success/skill 1" is success/skill-1."""
     return "/".join(slug(part) for part in name.split("/"))
 
 
 def in_space(latent: Array) -> Array:
-    """The first three components of latents, (n, d) → (n, 3), padded with zeros."""
+    """Return the first three components of latents, (n, d) → (n, 3), padded with zeros."""
     padded = np.zeros((len(latent), 3))
     shown = min(3, latent.shape[-1])
     padded[:, :shown] = latent[:, :shown]
@@ -64,7 +64,7 @@ def in_space(latent: Array) -> Array:
 
 
 def spread(scene: Scene) -> Array:
-    """The points that must be in sight, (n, 3) m."""
+    """Return the points that must be visible, (n, 3) m."""
     paths = [motion.path(scene, episode) for episode in range(scene.trajectories.episodes)]
     base: list[Array] = []
     if scene.model is not None and scene.trajectories.joint_position is not None:
@@ -73,12 +73,12 @@ def spread(scene: Scene) -> Array:
 
 
 def extent(scene: Scene) -> float:
-    """Diagonal of what must be in sight, m."""
+    """Return the diagonal of the points that must be visible, m."""
     points = spread(scene)
     return float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
 
 
 def latent_extent(scene: Scene) -> float:
-    """Diagonal of the skills' latents with their spread, without unit."""
+    """Return the diagonal of the skills' latents with their spread."""
     corners = np.concatenate([scene.means - scene.stds, scene.means + scene.stds])
     return float(np.linalg.norm(np.ptp(corners, axis=0))) if len(corners) else 1.0

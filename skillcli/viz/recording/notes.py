@@ -1,4 +1,4 @@
-"""What is said about a played episode: a title beside the gripper, a label in the plots, and a card of its own."""
+"""Texts about a played episode: a title beside the gripper, a label in the time series, and a card."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ LABEL_WIDTH = 46  # characters
 
 
 def title(scene: Scene, episode: int) -> str:
-    """Which episode it is, and where it ends: short enough to stand beside the gripper."""
+    """Name the episode and its end, short enough to stand beside the gripper."""
     return f"{scene.episode_labels[episode]}: {_ending(scene, episode)}"
 
 
 def label(scene: Scene, episode: int) -> str:
-    """The title, and below it what was drawn for the episode and differs from others of its domain."""
-    drawn = [_short(name, values[episode]) for name, values in scene.drawn.items() if _tells(scene, values, episode)]
-    return "\n".join([title(scene, episode), *textwrap.wrap(", ".join(drawn), LABEL_WIDTH)])
+    """Return the title, and below it the parameters that differ from other episodes of the domain."""
+    parameters = [_short(name, values[episode]) for name, values in scene.parameters.items() if _tells(scene, values, episode)]
+    return "\n".join([title(scene, episode), *textwrap.wrap(", ".join(parameters), LABEL_WIDTH)])
 
 
 def log_card(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
-    """Everything about the episode that plays, from its first step on."""
+    """Log everything about the playing episode, from its first step on."""
     document = rr.TextDocument.columns(text=[card(scene, clock.episode)], media_type=[rr.MediaType.MARKDOWN])
     stream.send_columns("episode", clock.columns(slice(0, 1)), document)
 
 
 def card(scene: Scene, episode: int) -> str:
-    """How the episode ended, its passes of the waypoints, and the robot that was drawn for it, as Markdown."""
+    """Describe the episode's end, its distances to the waypoints, and the parameters of its robot, as Markdown."""
     won = "success" if scene.trajectories.success[episode] else "failure"
     parts = [f"## {markdown(scene.episode_labels[episode])}", f"**{won}**, {_ending(scene, episode)}"]
     if (sent := motion.sent(scene)) is not None:
@@ -45,7 +45,7 @@ def card(scene: Scene, episode: int) -> str:
         parts.append("closest to its waypoints, in order: " + ", ".join(f"{100 * gap:.1f} cm" for gap in passes))
     rows = [
         f"| {markdown(name.replace('_', ' '))} | {_numbers(values[episode])} | {PARAMETERS[name][1]} |"
-        for name, values in scene.drawn.items()
+        for name, values in scene.parameters.items()
         if not np.isnan(values[episode]).any()
     ]
     return "\n\n".join([*parts, *(["\n".join(["| drawn | value | unit |", "|---|---|---|", *rows])] if rows else [])])
@@ -57,12 +57,12 @@ def _numbers(values: Array) -> str:
 
 def _ending(scene: Scene, episode: int) -> str:
     if not scene.trajectories.stable[episode]:
-        return "unstable: the simulation came apart"
+        return "unstable: the simulation diverged"
     return f"ends {100 * final_distance(scene.trajectories)[episode]:.1f} cm off"
 
 
 def _tells(scene: Scene, values: Array, episode: int) -> bool:
-    """Whether one number was drawn, and not the same for every episode of the domain."""
+    """Return whether a parameter is a single number that differs between episodes of the domain."""
     if values.ndim > 1 or np.isnan(values[episode]):
         return False
     others = motion.domains(scene)[motion.domain(scene.episode_labels[episode])]

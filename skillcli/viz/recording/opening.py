@@ -1,4 +1,4 @@
-"""How a recording opens: which views there are, where they stand, and from where they look."""
+"""The initial layout of a recording: its views, their places, and the viewpoints."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from skillcli.viz.scene import Runs, Scene
 
 SERIES = ("distance", "latent", "reward", "success", "action_norm", "joint_speed", "violations")
 FIRST_CURVES = ("success", "final_distance", "return", "kl")
-LATENT_BACK = 1.5  # the latent view is wide and low: from further back all of it is in sight
-MAX_LEGEND = 4  # a longer legend hides the plot; names are still shown under the mouse
+LATENT_BACK = 1.5  # the latent view is wide and low: all of it is visible only from further back
+MAX_LEGEND = 4  # a longer legend hides the plot; the viewer still shows names under the mouse
 LAYOUTS: ByKind[Callable[[Scene], rrb.Container]] = ByKind("recording")
 _UNITS = {"distance": "m", "action_norm": "rad per step", "joint_speed": "rad/s"}
 
 
 def _eye(points: Array, flat: bool, back: float = 1.0) -> rrb.EyeControls3D:
-    """Look at the points: from above when they lie in a plane, else from the front and the right of the robot."""
+    """Look at the points: from above if they lie in a plane, else from the front and the right of the robot."""
     low, high = points.min(axis=0), points.max(axis=0)
     center, reach = (low + high) / 2, back * float(np.linalg.norm(high - low)) or 1.0
     away = np.array([0.0, 0.0, 0.85]) if flat else np.array([0.66, -0.58, 0.44])
@@ -35,7 +35,7 @@ def _eye(points: Array, flat: bool, back: float = 1.0) -> rrb.EyeControls3D:
 
 
 def blueprint(scene: Scene) -> rrb.Blueprint:
-    """What the kind of artifact is about stands large: skills, the latent space, the plan, or two robots side by side."""
+    """Lay out the views of an artifact's kind: skills, the latent space, the plan, or two robots side by side."""
     return rrb.Blueprint(
         LAYOUTS.of(scene.kind)(scene),
         rrb.TimePanel(state="collapsed", timeline="sim_time", play_state="playing", loop_mode="all"),
@@ -48,7 +48,7 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
 
 @LAYOUTS.register(PRETRAIN)
 def _trained(scene: Scene) -> rrb.Container:
-    """Skills in space beside their latents; how they were learned behind a tab, which has another timeline."""
+    """Show skills in space beside their latents; learning curves are behind a tab, because they have another timeline."""
     right = rrb.Vertical(_latent_view(scene), rrb.Tabs(*_series(scene)), _notes(scene), row_shares=[3, 3, 2])
     skills = rrb.Horizontal(_space_view(scene), right, column_shares=[3, 2], name="skills")
     if not (curves := _curve_views(scene)):
@@ -58,7 +58,7 @@ def _trained(scene: Scene) -> rrb.Container:
 
 @LAYOUTS.register(EMBED_MEANS)
 def _embedded(scene: Scene) -> rrb.Container:
-    """The latent space large, what each latent does beside it."""
+    """Show the latent space large, and the motion of each latent beside it."""
     left = rrb.Vertical(_latent_view(scene), rrb.Tabs(*_series(scene)), row_shares=[2, 1])
     right = rrb.Vertical(_space_view(scene), _notes(scene), row_shares=[2, 1])
     return rrb.Horizontal(left, right)
@@ -66,7 +66,7 @@ def _embedded(scene: Scene) -> rrb.Container:
 
 @LAYOUTS.register(COMPOSE)
 def _composed(scene: Scene) -> rrb.Container:
-    """The plan in space, in the latent space and over time."""
+    """Show the plan in space, in the latent space and over time."""
     first, *others = _series(scene)
     right = rrb.Vertical(_latent_view(scene), rrb.Tabs(first, *others[1:]), others[0], _notes(scene), row_shares=[3, 2, 2, 2])
     return rrb.Horizontal(_space_view(scene), right, column_shares=[3, 2])
@@ -74,7 +74,7 @@ def _composed(scene: Scene) -> rrb.Container:
 
 @LAYOUTS.register(TRANSFER_EVAL)
 def _transferred(scene: Scene) -> rrb.Container:
-    """Source and target at the same time; below them how far they are, the latent that is fed, and the robot that was drawn."""
+    """Show source and target at the same time; below them their distances, the latent, and the robot's parameters."""
     paths = [_space_view(scene, "all paths"), *(_space_view(scene, name, slug(name)) for name in motion.domains(scene))]
     robots = [rrb.Tabs(_target_view(scene), *paths)]
     if scene.source is not None:
@@ -84,7 +84,7 @@ def _transferred(scene: Scene) -> rrb.Container:
 
 
 def _space_view(scene: Scene, name: str = "", folder: str = "") -> rrb.View:
-    """Everything in space; with a folder only the paths in it."""
+    """Show everything in space; with a folder only the paths in it."""
     hidden = ["- $origin/executed/**", "- $origin/planned/**"]
     if folder:
         hidden += ["- $origin/paths/**", f"+ $origin/paths/{folder}/**"]
@@ -93,7 +93,7 @@ def _space_view(scene: Scene, name: str = "", folder: str = "") -> rrb.View:
 
 
 def _target_view(scene: Scene) -> rrb.View:
-    """The episode that plays on its robot, its path beside the planned one."""
+    """Show the playing episode on its robot, its path beside the planned one."""
     contents = ["+ $origin/**", "- $origin/paths/**"]
     eye = _eye(spread(scene), flat=scene.model is None)
     robot = f"{scene.other_robot}, not drawn; " if scene.other_robot else ""
@@ -103,14 +103,14 @@ def _target_view(scene: Scene) -> rrb.View:
 
 
 def _source_view(scene: Scene) -> rrb.View:
-    """The same commands in the simulation they were made in."""
+    """Show the same commands in the simulation in which they were planned."""
     contents = ["+ $origin/**", "+ /world/goals/**", "+ /world/waypoints/**"]
     eye = _eye(spread(scene), flat=scene.model is None)
     return rrb.Spatial3DView(origin="/source", contents=contents, name="source (as planned)", eye_controls=eye)
 
 
 def _latent_view(scene: Scene) -> rrb.View:
-    """Seen from above where there are two components: a view in 2-D would have y point down."""
+    """Show the latent space, from above if it has two components: in a 2-D view y would point down."""
     size = scene.means.shape[-1]
     corners = np.concatenate([in_space(scene.means - scene.stds), in_space(scene.means + scene.stds), np.zeros((1, 3))])
     name = "latent space" + (f" (the first 3 of {size} components)" if size > 3 else "")
@@ -118,7 +118,7 @@ def _latent_view(scene: Scene) -> rrb.View:
 
 
 def _series(scene: Scene) -> list[rrb.View]:
-    """One view per quantity that changes over control steps, in the order of `SERIES`."""
+    """Return one view per quantity that changes over control steps, in the order of `SERIES`."""
     data = scene.trajectories
     absent = {"joint_speed": data.joint_position is None, "violations": data.violated is None}
     names = [name for name in SERIES if not absent.get(name)]
@@ -134,19 +134,19 @@ def _series(scene: Scene) -> list[rrb.View]:
 
 
 def _series_title(scene: Scene, name: str) -> str:
-    unit = scene.drawing.action_unit if name == "action_norm" else _UNITS.get(name, "")
+    unit = scene.figure_settings.action_unit if name == "action_norm" else _UNITS.get(name, "")
     return f"{name.replace('_', ' ')} [{unit}]" if unit else name
 
 
 def _notes(scene: Scene) -> rrb.Container:
-    """Where it comes from, and what is known of the episode that plays; in a transfer the episode first."""
+    """Show the origin, and the facts about the playing episode; in a transfer the episode first."""
     provenance = rrb.TextDocumentView(origin="/provenance", name="provenance")
     episode = rrb.TextDocumentView(origin="/episode", name="episode")
     return rrb.Tabs(*((episode, provenance) if scene.runs is Runs.DOMAINS else (provenance, episode)))
 
 
 def _curve_views(scene: Scene) -> list[rrb.View]:
-    """A view per learning curve, those of all skills in one."""
+    """Return a view per learning curve, those of all skills in one."""
     groups: dict[str, list[str]] = {}
     for name in sorted(scene.curves, key=lambda name: not name.startswith(FIRST_CURVES)):
         if name != "env_steps":

@@ -1,4 +1,4 @@
-"""What changes over control steps, and over the iterations of learning."""
+"""Time series over control steps, and learning curves over iterations."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from skillcli.viz.scene import Runs, Scene
 
 
 def log_series(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
-    """What changes over the control steps of one played episode."""
+    """Log the series of one played episode."""
     for name, (rows, values) in _single(scene, clock.episode).items():
         entity = f"series/{name}/{key(scene, clock.episode)}"
         said = label(scene, clock.episode) if scene.runs is Runs.DOMAINS else scene.episode_labels[clock.episode]
@@ -31,7 +31,7 @@ def log_series(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
 
 
 def _log_source(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
-    """In a transfer, the distance that the source had at the same time."""
+    """Log the source's distance at the same time, in a transfer."""
     sent = motion.sent(scene)
     if sent is None:
         return
@@ -44,7 +44,7 @@ def _log_source(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
 
 
 def _single(scene: Scene, episode: int) -> dict[str, tuple[slice, Array]]:
-    """One value per row: the rows of the clock, and the values, (rows,)."""
+    """Return scalar series: the rows of the clock, and the values, (rows,)."""
     data, length = scene.trajectories, int(scene.trajectories.length[episode])
     states, fed, after = slice(0, length + 1), slice(0, length), slice(1, length + 1)
     return {
@@ -71,7 +71,7 @@ def _several(scene: Scene, episode: int) -> dict[str, tuple[slice, Array, list[s
 
 
 def log_curves(stream: rr.RecordingStream, scene: Scene) -> None:
-    """Learning curves over `iteration`; the values of each curve are kept as they are."""
+    """Log learning curves over `iteration`; their values are unchanged."""
     for name, values in scene.curves.items():
         index = [rr.TimeColumn("iteration", sequence=np.arange(len(values)))]
         scalars = rr.Scalars.columns(scalars=np.asarray(values, dtype=float))

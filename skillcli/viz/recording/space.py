@@ -1,4 +1,4 @@
-"""What stands and moves in space: goals, paths, the bodies of the robot."""
+"""Objects in space: goals, paths, the bodies of the robot."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from skillcli.viz.recording.layout import called, extent, group, key, skill_colo
 from skillcli.viz.scene import Scene
 
 TOLERANCE_ALPHA = 64  # of 255
-MANY = 6  # waypoints, beyond which their labels are their numbers alone
+MANY = 6  # waypoints; beyond it labels are numbers alone
 
 
 def log_goals(stream: rr.RecordingStream, scene: Scene) -> None:
-    """The trained goals, and the waypoints; what had to be reached has its tolerance drawn around it."""
+    """Log the trained goals, and the waypoints; those to be reached have their tolerance around them."""
     composed = len(scene.waypoints) > 0
     colors = [rgba(color) for color in skill_colors(scene)]
     dot, around = scene.tolerance / 6, None if composed else scene.tolerance
@@ -29,7 +29,7 @@ def log_goals(stream: rr.RecordingStream, scene: Scene) -> None:
 
 
 def _numbered(waypoints: Array) -> tuple[Array, list[str]]:
-    """Distinct places among the waypoints, and what to call each: one place can be due twice."""
+    """Return distinct places among the waypoints, and their labels: a route may visit one place twice."""
     places, which = np.unique(waypoints, axis=0, return_inverse=True)
     orders = [np.flatnonzero(which.ravel() == place) + 1 for place in range(len(places))]
     word = "waypoint " if len(places) <= MANY else ""
@@ -45,11 +45,11 @@ def _log_spheres(
     dot: float,
     tolerance: float | None,
 ) -> None:
-    """Labelled points of radius `dot` (m); with a tolerance (m) each inside its translucent sphere."""
+    """Log labelled points of radius `dot` (m); with a tolerance (m) each inside a translucent sphere."""
     if not len(centers):
         return
     stream.log(f"{entity}/centers", rr.Points3D(centers, radii=dot, colors=colors), static=True)
-    # a label has the colour of its point, and the darker ones cannot be read on the viewer's ground
+    # a label has the colour of its point, and dark ones are unreadable on the viewer's background
     written = rr.Points3D(centers, radii=0, colors=rgba(TARGET_IN_VIEWER), labels=names, show_labels=True)
     stream.log(f"{entity}/names", written, static=True)
     if tolerance is None:
@@ -64,10 +64,10 @@ def _log_spheres(
 
 
 def log_paths(stream: rr.RecordingStream, scene: Scene) -> None:
-    """Every episode's path, cut where the skill changes.
+    """Log every episode's path, split where the skill changes.
 
-    A played episode is an entity of its own, the others of its skill or domain are one thin entity together: hundreds
-    of entities would make the file large and the viewer's list useless.
+    A played episode is an entity of its own. The others of its skill or domain are one thin entity together: hundreds of
+    entities would make the file large and the viewer's list useless.
     """
     shown, width = motion.played(scene), extent(scene) / 500
     for episode in shown:
@@ -83,7 +83,7 @@ def log_paths(stream: rr.RecordingStream, scene: Scene) -> None:
 
 
 def log_comparison(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> None:
-    """Of a transfer's played episode what was executed, and the path planned for it; the next episode replaces both."""
+    """Log the executed and the planned path of a transfer's played episode; the next episode replaces both."""
     sent = motion.sent(scene)
     if sent is None:
         return
@@ -98,7 +98,7 @@ def log_comparison(stream: rr.RecordingStream, scene: Scene, clock: Clock) -> No
 
 
 def _strips(scene: Scene, episodes: list[int], radius: float, alpha: float, hand: bool = False) -> rr.LineStrips3D:
-    """Paths of the judged point, or of the gripper, cut and coloured by skill."""
+    """Make paths of the achieved goal, or of the gripper, split and coloured by skill."""
     strips, colors = [], []
     for episode in episodes:
         moved = motion.path(scene, episode)
@@ -111,12 +111,12 @@ def _strips(scene: Scene, episodes: list[int], radius: float, alpha: float, hand
 
 
 def log_model(stream: rr.RecordingStream, scene: Scene, clocks: list[Clock]) -> None:
-    """The bodies' shapes once, and their poses over the played episodes; in a transfer also those of the source."""
+    """Log the bodies' shapes once, and their poses over the played episodes; in a transfer also those of the source."""
     sent = motion.sent(scene)
     roots = {"world": scene} if sent is None else {"world": scene, "source": sent}
     for root, played in roots.items():
         visible = kinematics.shapes(scene.model)
-        if scene.other_robot and played is scene:  # the arm that stands there has another shape
+        if scene.other_robot and played is scene:  # this arm has other shapes
             visible = {
                 body: shapes for body, shapes in visible.items() if not kinematics.of_arm(scene.model, scene.joints, body)
             }
@@ -131,7 +131,7 @@ def log_model(stream: rr.RecordingStream, scene: Scene, clocks: list[Clock]) -> 
 
 
 def rest_after(rows: Array, scene: Scene, episode: int) -> Array:
-    """Rows of an episode, in which it rests in its last state when they go on longer than it does."""
+    """Return rows of an episode; beyond its end its last state is repeated."""
     found: Array = np.minimum(rows, int(scene.trajectories.length[episode]))
     return found
 
@@ -139,9 +139,9 @@ def rest_after(rows: Array, scene: Scene, episode: int) -> Array:
 def _log_poses(
     stream: rr.RecordingStream, scene: Scene, root: str, episode: int, rows: Array, clock: Clock, bodies: list[int]
 ) -> None:
-    """Poses of the bodies in these rows of an episode, on the first rows of the clock."""
+    """Log poses of the bodies in these rows of an episode, on the first rows of the clock."""
     data = scene.trajectories
-    assert data.joint_position is not None  # the caller has looked
+    assert data.joint_position is not None  # checked by the caller
     box = None if data.object_pose is None else data.object_pose[episode, rows]
     positions, quaternions = kinematics.body_poses(scene.model, scene.joints, data.joint_position[episode, rows], box)
     for body in bodies:
@@ -159,7 +159,7 @@ def _body_entity(scene: Scene, root: str, body: int) -> str:
 
 
 def _shape_archetype(form: str, shapes: list[kinematics.Shape]) -> rr.AsComponents:
-    """Shapes of one form as one batch in the frame of their body."""
+    """Make one batch from shapes of one form in the frame of their body."""
     size = np.array([shape.size for shape in shapes])  # (n, 3)
     position = np.array([shape.position for shape in shapes])  # (n, 3)
     quaternion = np.array([shape.quaternion for shape in shapes])  # (n, 4)
@@ -173,7 +173,7 @@ def _shape_archetype(form: str, shapes: list[kinematics.Shape]) -> rr.AsComponen
         return rr.Cylinders3D(
             lengths=lengths, radii=radii, centers=position, quaternions=quaternion, colors=colors, fill_mode=solid
         )
-    # rerun's capsules begin at their origin and go up z, MuJoCo's are centred on it
+    # rerun's capsules begin at their origin and extend along z, MuJoCo's are centred on it
     start = position - size[:, 1:2] * kinematics.z_axis(quaternion)
     return rr.Capsules3D(
         lengths=lengths, radii=radii, translations=start, quaternions=quaternion, colors=colors, fill_mode=solid

@@ -1,4 +1,4 @@
-"""One HTML page that stands alone: no link, script, font or picture from anywhere else."""
+"""One HTML page without external files: no link, script, font or image from elsewhere."""
 
 from __future__ import annotations
 

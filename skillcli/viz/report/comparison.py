@@ -1,4 +1,4 @@
-"""Tables: what the paper reached, what was reached here, and where that was read."""
+"""Tables that compare the paper's results with ours, with the origin of every number."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ Goal = tuple[float, ...]
 
 SIMULATED = "smaller, but in simulation"
 SHORT = "falls short"
-HOLDS = 0.9  # of the source's success, from which on a transfer is said to hold
-NEAR = 1e-3  # m between goals that are the same
+HOLDS = 0.9  # of the source's success: from here on a transfer is said to hold
+NEAR = 1e-3  # m between goals that count as the same
 
 
 def tables(material: Material) -> list[Table]:
-    """Every table that has a line; paper numbers without a counterpart stay, with the command that would give it."""
+    """Make every table with at least one line; paper numbers without a counterpart name the command that would give it."""
     found = [
         Table("Point: the embedding", list(_point(material))),
         Table("Reach: eight skills, final distance", list(_reach_skills(material)), "Paper: played on the real robot."),
@@ -193,7 +193,7 @@ def _training(material: Material) -> Iterator[Row]:
 
 
 def _domains(one: Exhibit, theirs: str, what: str) -> Iterator[Row]:
-    """One line per domain: how many of how many, with the interval, the median distance and what is kept."""
+    """Write one line per domain: successes of episodes with the interval, the median distance and the retained share."""
     for index, domain in enumerate(TRANSFER_EVAL.results_of(one.artifact).domains):
         kept, median = domain.retention, domain.final_distance_m.median
         ended = "all unstable" if median is None else f"median {_cm(median)}"
@@ -208,7 +208,7 @@ def _interval(domain: DomainResults) -> str:
 
 
 def _distance(what: str, theirs: float | None, one: Exhibit, path: Sequence[str | int], real: bool, told: str = "") -> Row:
-    """A distance in cm beside the paper's; from its real robot it is never simply better."""
+    """Write a distance in cm beside the paper's; our simulation is never called better than its real robot."""
     where, number = "real" if real else "sim", one.value("results", *path)
     told = told or ("" if theirs is None else f"{_cm(theirs)} ({where})")
     if not _is_number(number):
@@ -220,7 +220,7 @@ def _distance(what: str, theirs: float | None, one: Exhibit, path: Sequence[str 
 def _lower(
     what: str, told: str, theirs: float, one: Exhibit, form: str, *path: str | int, group: str = "results", scale: float = 1.0
 ) -> Row:
-    """A number of which less is better."""
+    """Write a number for which less is better."""
     number = one.value(group, *path)
     if not _is_number(number):
         return Row(what, told, None, "not recorded")
@@ -237,7 +237,7 @@ def _within(distance: float, tolerance: float) -> str:
 
 
 def _compose(material: Material, task: str, asked: str) -> str:
-    """The command that composes with the first library of a task: without its id the newest of any task would be taken."""
+    """Return the command that composes with the first library of a task; without an id it would use the newest of any task."""
     libraries = material.find(EMBED_MEANS, task) or material.find(PRETRAIN, task)
     return f"skill compose {libraries[0].artifact.id.series if libraries else 'ID'} {asked}"
 
@@ -247,7 +247,7 @@ def _plan(one: Exhibit) -> ComposeResults:
 
 
 def _bare(one: Exhibit) -> bool:
-    """Whether a transfer is of skills and not of a composition."""
+    """Return whether a transfer is of skills and not of a composition."""
     return not len(one.scene.waypoints)
 
 
@@ -256,25 +256,25 @@ def _is_number(item: Any) -> bool:
 
 
 def _key(group: str, path: Iterable[str | int]) -> str:
-    """A path as it is written: results.skills[0].name."""
+    """Write a path as text: results.skills[0].name."""
     return group + "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in path)
 
 
 def _start(one: Exhibit) -> Any:
-    """Where goals are counted from, (3,) m."""
-    if not one.scene.drawing.goals_from_start:
+    """Return the origin of goals, (3,) m."""
+    if not one.scene.figure_settings.goals_from_start:
         return np.zeros(3)
     return np.round(one.scene.trajectories.achieved_goal[0, 0], 3)
 
 
 def _goal(one: Exhibit, goal: Any) -> Goal:
-    """A goal as it is typed."""
+    """Convert a goal to the form in which it is typed."""
     return tuple(float(x) for x in np.asarray(goal, dtype=float) - _start(one)[: len(goal)])
 
 
 def _targets(one: Exhibit) -> list[Goal]:
-    """The waypoints of a composition as they are typed, to the millimetre."""
-    size = one.scene.drawing.goal_size
+    """Return the waypoints of a composition in the form in which they are typed, to the millimetre."""
+    size = one.scene.figure_settings.goal_size
     return [tuple(round(float(x), 3) + 0.0 for x in place[:size]) for place in one.scene.waypoints - _start(one)]
 
 

@@ -1,4 +1,4 @@
-"""What a report page is made of: plain data, all of it text from artifacts that nobody has to trust."""
+"""The content of a report page: plain data; its texts come from artifacts and are not trusted."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Number:
-    """A number as it is shown, and where it was read."""
+    """A number as shown, and its origin."""
 
     text: str
     artifact: str  # its id
@@ -17,13 +17,13 @@ class Number:
 
 @dataclass(frozen=True)
 class Row:
-    """One line of a table: what the paper reached and what was reached here."""
+    """One line of a table: the paper's result and ours."""
 
     what: str
-    paper: str  # "" where the paper says nothing
-    here: Number | None  # None: nothing here yet
+    paper: str  # "" if the paper gives none
+    here: Number | None  # None: no result yet
     verdict: str  # "better", "falls short", … or ""
-    todo: str = ""  # the command that would give the number, where there is none
+    todo: str = ""  # command that would give the missing number
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,11 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Drawing:
-    """A figure, drawn."""
+class ReportFigure:
+    """A finished figure."""
 
     slug: str  # file name without suffix
-    paper_figure: str  # "5", or "" for one of our own
+    paper_figure: str  # "5", or "" for one that is not in the paper
     title: str
     caption: str
     artifacts: Sequence[str]
@@ -49,7 +49,7 @@ class Drawing:
 
 @dataclass(frozen=True)
 class Missing:
-    """A figure that could not be drawn, or an artifact that could not be used, and why."""
+    """A figure that could not be drawn, or an artifact that could not be used, and the reason."""
 
     what: str
     reason: str
@@ -57,7 +57,7 @@ class Missing:
 
 @dataclass(frozen=True)
 class Origin:
-    """Where an artifact comes from."""
+    """The origin of an artifact."""
 
     id: str
     kind: str
@@ -68,7 +68,7 @@ class Origin:
     created_utc: str
     git: str
     command: str
-    parents: Sequence[tuple[str, str]]  # id, content hash as it was then
+    parents: Sequence[tuple[str, str]]  # id, content hash at that time
     packages: str
 
 
@@ -86,16 +86,16 @@ class RecipeText:
 class Page:
     """Everything on the page."""
 
-    drawings: Sequence[Drawing]
+    figures: Sequence[ReportFigure]
     tables: Sequence[Table]
     origins: Sequence[Origin]
     recipes: Sequence[RecipeText]
     not_drawn: Sequence[Missing]
     skipped: Sequence[Missing]
-    left_out: int  # older artifacts that are not looked at
+    left_out: int  # older artifacts that are not used
     version: str  # of skill
 
     @property
     def todo(self) -> list[Row]:
-        """Rows without a number that a command would give."""
+        """Return the rows without a number that have a command for it."""
         return [row for table in self.tables for row in table.rows if row.todo]

@@ -1,4 +1,4 @@
-"""The page out of its template. Everything from an artifact is escaped; pictures are data, which no text can break out of."""
+"""Render the page from its template. Texts from artifacts are escaped; figures are data URLs, which cannot run code."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ PRINTED = "addEventListener('beforeprint', () => document.querySelectorAll('deta
 
 
 def render(page: Page) -> str:
-    """The page as HTML."""
+    """Render the page as HTML."""
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters |= {"anchor": anchor, "picture": picture}
     template = environment.from_string((files(__package__) / "page.html").read_text(encoding="utf-8"))
     allowed = b64encode(hashlib.sha256(PRINTED.encode()).digest()).decode()
     text = template.render(page=page, script=PRINTED, script_hash=allowed)
-    # an address in a command or a recipe stays readable, and nothing takes it for a link
+    # an address in a command or a recipe must not become a link
     return text.replace("://", ":&#47;&#47;")
 
 
 def anchor(artifact_id: str) -> str:
-    """The name of an artifact's place on the page."""
+    """Return the HTML id of an artifact."""
     return "artifact-" + artifact_id.replace("/", "--")
 
 
 def picture(svg: bytes) -> str:
-    """A drawing as an address that holds all of it; as an image, so that nothing in it can be run."""
+    """Encode an SVG figure as a data URL for an image, so that nothing in it can run."""
     return "data:image/svg+xml;base64," + b64encode(svg).decode()

@@ -1,4 +1,4 @@
-"""What the original study reached: Julian et al. 2018, the article and its recorded rollouts.
+"""Results of the original study: Julian et al. 2018, the article and its recorded rollouts.
 
 Lengths in m and angles as displacements in m; "real" is the paper's Sawyer, "sim" its simulation.
 """
@@ -6,8 +6,8 @@ Lengths in m and angles as displacements in m; "real" is the paper's Sawyer, "si
 from __future__ import annotations
 
 POINT_EFFICIENCY = 0.484  # ellipses over hull of the means
-POINT_STEPS = 15_000  # until the embedding separates the four tasks
-REACH_CORRELATION = 0.92  # of latent and goal distances
+POINT_STEPS = 15_000  # control steps until the embedding separates the four tasks
+REACH_CORRELATION = 0.92  # between latent and goal distances
 REACH_FINAL = {  # real: final distance by goal
     (0.5, 0.3, 0.15): 0.092,
     (0.5, -0.3, 0.15): 0.071,

@@ -1,4 +1,4 @@
-"""Which artifacts a report is about."""
+"""Select the artifacts of a report."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ from skillcli.viz.loading import scene_of
 from skillcli.viz.scene import Scene, drawable
 
 LIMIT = 100  # artifacts on one page
-PREFERRED = "reference"  # names that begin so come first
+PREFERRED = "reference"  # names with this prefix come first
 
 
 @dataclass(frozen=True, eq=False)
 class Exhibit:
-    """An artifact and what there is to draw of it."""
+    """An artifact and its scene."""
 
     artifact: Artifact
     scene: Scene
 
     @property
     def id(self) -> str:
-        """The artifact's id."""
+        """Return the artifact's id."""
         return str(self.artifact.id)
 
     @property
     def name(self) -> str:
-        """Whose library it is."""
+        """Return the name of its library."""
         return self.artifact.id.name
 
     def value(self, *path: str | int) -> Any:
-        """What stands at a path of results or measured, such as ("results", "skills", 0, "success_rate"); None for nothing.
+        """Return the value at a path of results or measured, such as ("results", "skills", 0, "success_rate"); None if unset.
 
         Raises:
-            AttributeError: no artifact of this kind has such a thing.
+            AttributeError: artifacts of this kind have no such value.
         """
         spec = kind_spec(self.artifact.kind)
         group, *steps = path
@@ -50,24 +50,24 @@ class Exhibit:
 
 @dataclass(frozen=True)
 class Material:
-    """What a report is made of, most wanted first."""
+    """The artifacts of a report, the most important first."""
 
     exhibits: tuple[Exhibit, ...]
     skipped: tuple[tuple[ArtifactId | str, str], ...]
     left_out: int
 
     def find(self, kind: AnyKind, task: str = "", where: Callable[[Exhibit], bool] = lambda _: True) -> list[Exhibit]:
-        """The exhibits of a kind, a task (any by default) and a condition."""
+        """Return the exhibits of a kind, of a task (any by default), that fulfil a condition."""
         of_kind = [one for one in self.exhibits if kind.is_kind_of(one.artifact) and task in ("", one.scene.task)]
         return [one for one in of_kind if where(one)]
 
 
 def select(store: Store, ids: Sequence[ArtifactId]) -> Material:
-    """The artifacts asked for with all that they were made from; with none, the newest of every kind and name.
+    """Select the given artifacts with all their ancestors; with none, the newest of every kind and name.
 
     Raises:
-        SkillError: nothing is there that could be reported.
-        StoreError: one that was asked for cannot be read.
+        SkillError: no artifact can be used.
+        StoreError: a given one cannot be read.
     """
     listing = store.listing()
     skipped = [(one.id, one.problem) for one in listing.unreadable]
@@ -82,7 +82,7 @@ def select(store: Store, ids: Sequence[ArtifactId]) -> Material:
                 raise
             skipped.append((one, error.message))
         except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
-            # made elsewhere: whole, but its results are not what this skill writes
+            # from another version: intact, but its results have another form
             skipped.append((one, f"its results are not those of its kind ({type(error).__name__}: {error})"))
     if not exhibits:
         _nothing(store, skipped)
@@ -107,15 +107,15 @@ def _nothing(store: Store, skipped: Sequence[tuple[ArtifactId | str, str]]) -> N
 
 
 def _asked(store: Store, ids: Sequence[ArtifactId]) -> list[ArtifactId]:
-    """The artifacts asked for, and then their ancestors in their migrated form, each once."""
+    """Return the given artifacts, and then their ancestors in migrated form, each once."""
     ancestors = [store.current(one) for asked in ids for one in store.lineage(asked) if store.path(one).exists()]
     return list(dict.fromkeys([*ids, *ancestors]))
 
 
 def _newest(headers: Sequence[Header]) -> Iterator[ArtifactId]:
-    """The newest of every library and kind; of kinds that hold no skills, the newest of everything they were made from.
+    """Return the newest artifact of every library and kind; of kinds without skills, the newest for each parent.
 
-    References come first, then libraries with which more was done.
+    References come first, then libraries with more descendants.
     """
     kinds: dict[str, set[str]] = {}
     for header in headers:

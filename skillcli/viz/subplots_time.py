@@ -1,4 +1,4 @@
-"""Panels of what changes: over an episode, and over learning."""
+"""Subplots of changes over an episode, and over learning."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from skillcli.viz import motion
 from skillcli.viz.palette import BETWEEN, COLORS, DASHES, TARGET, look
 from skillcli.viz.scene import Runs, Scene
 
-FLOOR = 1e-4  # m; a logarithmic axis cannot show an exact hit
+FLOOR = 1e-4  # m; a logarithmic axis cannot show zero
 
 _CURVES = {
     "final_distance": "final distance",
@@ -26,13 +26,13 @@ _CURVES = {
 
 
 def unit(scene: Scene) -> tuple[float, str]:
-    """What distances are drawn in: their number per metre, and the name."""
-    name, per_metre = scene.drawing.unit
+    """Return the unit of distances: how many make a metre, and its name."""
+    name, per_metre = scene.figure_settings.unit
     return per_metre, name
 
 
 def _logarithmic(axes: Axes) -> None:
-    """A logarithmic axis with plain numbers."""
+    """Make the axis logarithmic with plain numbers."""
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
@@ -55,18 +55,18 @@ def _tolerance_line(axes: Axes, scene: Scene, named: bool = True) -> None:
 
 
 def _time(scene: Scene, episode: int) -> Array:
-    """Time of each state of an episode, (length+1,) s."""
+    """Return the time of each state of an episode, (length+1,) s."""
     time: Array = scene.trajectories.time[: int(scene.trajectories.length[episode]) + 1]
     since: Array = time - time[0]
     return since
 
 
 def distances(axes: Axes, scene: Scene) -> None:
-    """Distance to the goal over time: each skill at its mean, and the 10-90 % band over sampled latents."""
+    """Draw the distance to the goal over time: each skill at its mean, and the 10-90 % band over sampled latents."""
     at_means = motion.mean_episodes(scene)
     sampled: dict[int, list[int]] = {}
     others = set(range(scene.trajectories.episodes)) - set(at_means.values()) if scene.runs is Runs.SAMPLED else ()
-    for episode in others:  # beside means, embed-means holds latents between skills, which have no goal of their own
+    for episode in others:  # latents between skills have no goal of their own
         sampled.setdefault(motion.episode_skill(scene, episode), []).append(episode)
     shortest = int(scene.trajectories.length.min()) + 1
     scale, name = unit(scene)
@@ -90,7 +90,7 @@ def distances(axes: Axes, scene: Scene) -> None:
 
 
 def _boundaries(axes: Axes, scene: Scene, episode: int) -> None:
-    """Where the plan changes what it feeds: thin lines, and bands in the skill's colour with its number on top."""
+    """Mark changes of the plan: thin lines, and bands in the skill's colour with its number on top."""
     time = _time(scene, episode)
     for piece in motion.pieces(scene, episode):
         start, stop = time[piece.start], time[piece.stop]
@@ -110,11 +110,11 @@ def _boundaries(axes: Axes, scene: Scene, episode: int) -> None:
 
 
 def latent_components(axes: Axes, scene: Scene, episode: int) -> None:
-    """What was fed to the policy: each latent component over time."""
+    """Draw each component of the latent over time."""
     time = _time(scene, episode)
     fed = scene.trajectories.latent[episode, : len(time) - 1]
     for i, values in enumerate(fed.T):
-        # every dash and colour differs, so that components are told apart without colour
+        # dashes and colours both differ, so that components can be distinguished without colour
         axes.stairs(values, time, baseline=None, color=COLORS[i % 8], ls=DASHES[i % 4], lw=1.4, label=f"$z_{{{i + 1}}}$")
     low, high = (float(fed.min()), float(fed.max())) if fed.size else (0.0, 1.0)
     room = max(high - low, 0.1)
@@ -125,8 +125,8 @@ def latent_components(axes: Axes, scene: Scene, episode: int) -> None:
     axes.set_title("what the plan feeds (top band: skill)")
 
 
-def due_distance(axes: Axes, scene: Scene, episode: int) -> None:
-    """Distance to the waypoint that is due; its number points to where it was passed."""
+def waypoint_distance(axes: Axes, scene: Scene, episode: int) -> None:
+    """Draw the distance to the next waypoint; its number points to where it was passed."""
     scale, name = unit(scene)
     time, gap = _time(scene, episode), scale * motion.distance(scene, episode)
     axes.plot(time, gap, color=TARGET, lw=1.3)
@@ -156,7 +156,7 @@ def due_distance(axes: Axes, scene: Scene, episode: int) -> None:
 
 
 def closest(axes: Axes, scene: Scene) -> None:
-    """How near each waypoint was passed while it was due, every route's one after the other."""
+    """Draw the smallest distance to each waypoint in its turn, all routes in a row."""
     scale, name = unit(scene)
     gaps = scale * np.concatenate([motion.closest(scene, episode) for episode in range(scene.trajectories.episodes)])
     order = np.arange(1, len(gaps) + 1)
@@ -181,8 +181,8 @@ def closest(axes: Axes, scene: Scene) -> None:
 # --- learning ---------------------------------------------------------------------------------------------------------
 
 
-def curve_panels(scene: Scene) -> list[Callable[[Axes, Scene], None]]:
-    """The panels that the recorded curves allow, most telling first."""
+def curve_subplots(scene: Scene) -> list[Callable[[Axes, Scene], None]]:
+    """Return the subplots that the recorded curves allow, the most informative first."""
     panels: list[Callable[[Axes, Scene], None]] = []
     if "success_rate" in scene.curves or _per_skill(scene):
         panels.append(success_curves)
@@ -190,13 +190,13 @@ def curve_panels(scene: Scene) -> list[Callable[[Axes, Scene], None]]:
 
 
 def _per_skill(scene: Scene) -> dict[int, Array]:
-    """Success curves by skill, (iterations,) each."""
+    """Return success curves by skill, (iterations,) each."""
     found = {k: scene.curves.get(f"success/{name}") for k, name in enumerate(scene.skills)}
     return {k: curve for k, curve in found.items() if curve is not None}
 
 
 def _experience(axes: Axes, scene: Scene, count: int) -> Array:
-    """What learning curves are drawn over, (count,): control steps where they were counted, else iterations."""
+    """Return the x values of learning curves, (count,): control steps if they were counted, else iterations."""
     steps = scene.curves.get("env_steps")
     axes.grid(True)
     if steps is None or len(steps) != count:
@@ -208,7 +208,7 @@ def _experience(axes: Axes, scene: Scene, count: int) -> Array:
 
 
 def success_curves(axes: Axes, scene: Scene) -> None:
-    """Success over learning: each skill, and their mean in black."""
+    """Draw success over learning: each skill, and their mean in black."""
     for skill, values in _per_skill(scene).items():
         style = look(skill)
         axes.plot(_experience(axes, scene, len(values)), values, color=style.color, ls=style.dash, lw=0.9)
@@ -218,7 +218,7 @@ def success_curves(axes: Axes, scene: Scene) -> None:
 
 
 def _curve(axes: Axes, scene: Scene, name: str) -> None:
-    """One learning curve; distances in the unit of the other panels, on a logarithmic axis."""
+    """Draw one learning curve; distances in the unit of the other subplots, on a logarithmic axis."""
     values, label = np.asarray(scene.curves[name], dtype=float), _CURVES[name]
     axes.set_title(f"learning: {label.partition(' of')[0].partition(' per')[0]}")
     if name == "final_distance":

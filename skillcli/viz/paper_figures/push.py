@@ -1,4 +1,4 @@
-"""Figures of the push task, from above; lengths are displacements of the box from where it started."""
+"""Figures of the push task, from above; lengths are displacements of the box from its start."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from matplotlib.patches import Circle, Patch, Polygon
 
 from skillcli.metrics import angle_deg, neighbours
 from skillcli.trajectories import Array
-from skillcli.viz import motion, panels_space
-from skillcli.viz.canvas import WIDTH, blank, legend, mark, skill_handles
+from skillcli.viz import motion, subplots_space
+from skillcli.viz.figure_style import WIDTH, blank, legend, mark, skill_handles
 from skillcli.viz.palette import BETWEEN, TARGET, look
 from skillcli.viz.scene import Runs, Scene
 
 COLUMNS = 4
 MAX_ROUTES = 16
-HALF = 0.03  # m, half the side of the box where the model does not say
+HALF = 0.03  # m, half the side of the box if the model does not say
 
 
 def skill_pushes(scene: Scene) -> Figure:
-    """Box and gripper paths of every skill at its mean latent, with those of its sampled latents (paper figure 7).
+    """Draw box and gripper paths of every skill at its mean latent and its sampled latents (paper figure 7).
 
     Args:
         scene: of a pretrain or embed-means artifact.
@@ -41,23 +41,23 @@ def skill_pushes(scene: Scene) -> Figure:
         if skill in at_means:
             _push(axes, scene, at_means[skill], [motion.Piece(0, int(scene.trajectories.length[at_means[skill]]), skill)])
         _goal(axes, scene, _local(scene, scene.goals[skill], at_means.get(skill, 0)))
-        _name(axes, panels_space.numbered(scene, skill))
+        _name(axes, subplots_space.numbered(scene, skill))
     _equal_limits(grid[1])
-    handles = skill_handles(((k, panels_space.numbered(scene, k)) for k in skills), marked=False)
+    handles = skill_handles(((k, subplots_space.numbered(scene, k)) for k in skills), marked=False)
     legend(grid[0], [*handles, *_marks(), *([_thin("sampled latents")] if scene.runs is Runs.SAMPLED else [])])
     return grid[0]
 
 
 def mean_pushes(scene: Scene, recorded: Mapping[frozenset[str], tuple[float, float]]) -> Figure:
-    """Where the mean of two neighbouring skills pushes the box, and how far its direction is off (paper figure 8).
+    """Draw where the mean of two neighbouring skills pushes the box, and the error of its direction (paper figure 8).
 
     Args:
         scene: of an embed-means artifact; the episodes after the skills' own are those of `neighbours`.
         recorded: displacements m that the paper recorded, by the two names.
     """
     pairs = neighbours(scene.goals)
-    drawn = blank(WIDTH, 3.3)
-    above, off = drawn.subplots(1, 2, width_ratios=[1, 1.1])
+    figure = blank(WIDTH, 3.3)
+    above, off = figure.subplots(1, 2, width_ratios=[1, 1.1])
     labels, rows = [], []
     for row, (a, b) in enumerate(pairs):
         episode = len(scene.skills) + row
@@ -91,18 +91,18 @@ def mean_pushes(scene: Scene, recorded: Mapping[frozenset[str], tuple[float, flo
         for label, (_, _, style) in zip(labels, rows, strict=True)
     ]
     marks = [mark("half-way between the goals", "x", size=5), mark("start", "o", "white"), mark("here", "s")]
-    legend(drawn, [*handles, *marks, mark("Julian et al. 2018", "s", "white")])
-    return drawn
+    legend(figure, [*handles, *marks, mark("Julian et al. 2018", "s", "white")])
+    return figure
 
 
 def searched_pushes(routes: Sequence[tuple[Scene, int]]) -> Figure:
-    """Searched pushes one by one, coloured by the skill that is held (paper figure 9).
+    """Draw searched pushes one by one, coloured by the skill that is held (paper figure 9).
 
     Args:
-        routes: scenes of compose artifacts, and which of their episodes; at most `MAX_ROUTES` are drawn.
+        routes: scenes of compose artifacts, and an episode of each; at most `MAX_ROUTES` are drawn.
     """
     routes = routes[:MAX_ROUTES]
-    drawn, panels = _grid(len(routes), 0.6)
+    figure, panels = _grid(len(routes), 0.6)
     for (scene, episode), axes in zip(routes, panels, strict=True):
         _push(axes, scene, episode, motion.pieces(scene, episode))
         axes.add_patch(Polygon(_square(scene, episode), fill=False, ec=BETWEEN, lw=0.8, ls=(0, (3, 2)), zorder=1))
@@ -112,22 +112,22 @@ def searched_pushes(routes: Sequence[tuple[Scene, int]]) -> Figure:
         x, y = (f"{round(float(value), 3) + 0.0:g}".replace("-", "−") for value in target)
         _name(axes, f"({x}, {y}): {gap:.1f} cm")
     _equal_limits(panels)
-    fed = sorted({k for scene, _ in routes for k in panels_space.fed_skills(scene)}, key=lambda k: (k < 0, k))
-    names = [(k, "between (mixed)" if k < 0 else panels_space.numbered(routes[0][0], k)) for k in fed]
+    fed = sorted({k for scene, _ in routes for k in subplots_space.skills_in_use(scene)}, key=lambda k: (k < 0, k))
+    names = [(k, "between (mixed)" if k < 0 else subplots_space.numbered(routes[0][0], k)) for k in fed]
     square = Line2D([], [], color=BETWEEN, lw=0.8, ls=(0, (3, 2)), label="trained square")
-    legend(drawn, [*skill_handles(names, marked=False), *_marks(), square])
-    return drawn
+    legend(figure, [*skill_handles(names, marked=False), *_marks(), square])
+    return figure
 
 
 # --- parts ------------------------------------------------------------------------------------------------------------
 
 
 def _grid(count: int, room: float) -> tuple[Figure, list[Axes]]:
-    """Small maps in rows of `COLUMNS` with common scales, and `room` inches below for the legend."""
+    """Make small maps in rows of `COLUMNS` with common scales, and `room` inches below for the legend."""
     columns = min(count, COLUMNS)
     rows = max(1, math.ceil(count / columns))
-    drawn = blank(WIDTH, 1.75 * rows + room)
-    panels = [drawn.add_subplot(rows, columns, place + 1) for place in range(count)]
+    figure = blank(WIDTH, 1.75 * rows + room)
+    panels = [figure.add_subplot(rows, columns, place + 1) for place in range(count)]
     for place, axes in enumerate(panels):
         axes.set(aspect="equal")
         axes.grid(True)
@@ -136,7 +136,7 @@ def _grid(count: int, room: float) -> tuple[Figure, list[Axes]]:
             axes.set_xlabel("Δx [m]")
         if place % columns == 0:
             axes.set_ylabel("Δy [m]")
-    return drawn, panels
+    return figure, panels
 
 
 def _name(axes: Axes, title: str) -> None:
@@ -144,18 +144,18 @@ def _name(axes: Axes, title: str) -> None:
 
 
 def _local(scene: Scene, place: Array, episode: int) -> Array:
-    """A place, (..., 2 or 3) m, seen from where the box started."""
+    """Return a place, (..., 2 or 3) m, relative to the start of the box."""
     seen: Array = place[..., :2] - motion.path(scene, episode)[0, :2]
     return seen
 
 
 def _moved(scene: Scene, episode: int) -> Array:
-    """The way of the box from its start, (length+1, 2) m."""
+    """Return the displacement of the box from its start, (length+1, 2) m."""
     return _local(scene, motion.path(scene, episode), episode)
 
 
 def _push(axes: Axes, scene: Scene, episode: int, pieces: Sequence[motion.Piece]) -> None:
-    """One push: gripper thin, box in the look of each piece's skill, its outline at the start and at the end."""
+    """Draw one push: gripper thin, box in the style of each piece's skill, its outline at start and end."""
     moved, data = _moved(scene, episode), scene.trajectories
     if data.gripper_position is not None:
         hand = _local(scene, data.gripper_position[episode, : len(moved)], episode)
@@ -171,7 +171,7 @@ def _push(axes: Axes, scene: Scene, episode: int, pieces: Sequence[motion.Piece]
 
 
 def _corners(scene: Scene, episode: int, row: int) -> Array:
-    """Corners of the box around its centre, turned as it is, (4, 2) m."""
+    """Return the corners of the box in its orientation, relative to its centre, (4, 2) m."""
     sides = np.array([HALF, HALF])
     if scene.model is not None:
         body = scene.model.body("box")
@@ -186,21 +186,21 @@ def _corners(scene: Scene, episode: int, row: int) -> Array:
 
 
 def _goal(axes: Axes, scene: Scene, place: Array) -> None:
-    """A goal with its tolerance."""
+    """Draw a goal with its tolerance."""
     spot = (float(place[0]), float(place[1]))
     axes.add_patch(Circle(spot, scene.tolerance, fc="none", ec=TARGET, lw=0.8, ls=(0, (1, 1)), zorder=1))
     axes.plot(*spot, color=TARGET, marker="x", ms=5, zorder=6)
 
 
 def _square(scene: Scene, episode: int) -> Array:
-    """Corners of the square whose sides pass through the skills' goals, (4, 2) m."""
+    """Return the corners of the square whose sides pass through the skills' goals, (4, 2) m."""
     goals = _local(scene, scene.goals, episode)
     (left, low), (right, high) = goals.min(axis=0), goals.max(axis=0)
     return np.array([(left, low), (right, low), (right, high), (left, high)])
 
 
 def _equal_limits(panels: Sequence[Axes]) -> None:
-    """The same limits everywhere, so that panels can be compared by eye; square, because pushes go everywhere."""
+    """Set the same square limits on all maps, so that they can be compared by eye."""
     reach = max(np.abs([axes.get_xlim(), axes.get_ylim()]).max() for axes in panels)
     for axes in panels:
         axes.set(xlim=(-reach, reach), ylim=(-reach, reach))

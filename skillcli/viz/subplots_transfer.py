@@ -1,4 +1,4 @@
-"""Panels that compare domains."""
+"""Subplots that compare domains."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from matplotlib.axes import Axes
 from skillcli.metrics import final_distance
 from skillcli.viz import motion
 from skillcli.viz.palette import TARGET, look
-from skillcli.viz.panels_time import unit
 from skillcli.viz.scene import Scene
+from skillcli.viz.subplots_time import unit
 
 
 def entitle(axes: Axes, scene: Scene, name: str, episodes: list[int]) -> None:
-    """Name a domain's map, with what was counted in it."""
+    """Title a domain's map with its name and counts."""
     won, broken = int(scene.trajectories.success[episodes].sum()), int((~scene.trajectories.stable[episodes]).sum())
     axes.set_title(f"{name}: {won} of {len(episodes)} succeed" + (f", {broken} unstable" if broken else ""))
 
 
 def _rows(axes: Axes, scene: Scene) -> dict[str, list[int]]:
-    """Domains down the vertical axis, the first on top, with their number of episodes."""
+    """Label the vertical axis with the domains, the first on top, and their number of episodes."""
     groups = motion.domains(scene)
     names = [f"{name}\nn = {len(episodes)}" for name, episodes in groups.items()]
     axes.set_yticks(range(len(groups)), names)
@@ -30,12 +30,12 @@ def _rows(axes: Axes, scene: Scene) -> dict[str, list[int]]:
 
 
 def success(axes: Axes, scene: Scene) -> None:
-    """Success rate per domain with its interval."""
+    """Draw the success rate per domain with its interval."""
     for row, name in enumerate(_rows(axes, scene)):
         if name not in scene.intervals:
             continue
         (rate, low, high), style = scene.intervals[name], look(row)
-        if high > low:  # else nothing was left to chance: the rate is exact
+        if high > low:  # else nothing is random: the rate is exact
             axes.plot([low, high], [row, row], color=style.color, lw=2.2, solid_capstyle="butt")
             axes.plot([low, high], [row, row], color=style.color, ls="none", marker="|", ms=9, mew=1.2)
         axes.plot(rate, row, color=style.color, marker=style.marker, ms=7, mec="white", mew=0.8)
@@ -45,14 +45,14 @@ def success(axes: Axes, scene: Scene) -> None:
 
 
 def final_distances(axes: Axes, scene: Scene) -> None:
-    """Final distance of every episode that did not come apart, its quartiles as a box and its median as a line."""
+    """Draw the final distance of every stable episode, quartiles as a box and the median as a line."""
     scale, name = unit(scene)
     gaps = scale * final_distance(scene.trajectories)
     for row, episodes in enumerate(_rows(axes, scene).values()):
         values, style = np.sort(gaps[episodes][scene.trajectories.stable[episodes]]), look(row)
         if not len(values):
             continue
-        # a fixed low-discrepancy spread, so that the same data gives the same picture
+        # a fixed low-discrepancy spread, so that equal data give equal figures
         spread = 0.5 * ((np.arange(len(values)) * 0.618034) % 1 - 0.5)
         axes.plot(values, row + spread, color=style.color, marker=style.marker, ls="none", ms=3.5, alpha=0.55, mew=0)
         low, middle, high = np.quantile(values, [0.25, 0.5, 0.75])

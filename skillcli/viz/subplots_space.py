@@ -1,4 +1,4 @@
-"""Panels of paths in space and of skills in the latent space."""
+"""Subplots of paths in space and of skills in the latent space."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from skillcli.viz import motion
 from skillcli.viz.palette import BETWEEN, TARGET, look
 from skillcli.viz.scene import Runs, Scene
 
-Plane = tuple[int, int]  # the two coordinates that are drawn
+Plane = tuple[int, int]  # indices of the two coordinates to draw
 
 _ALPHA = {1: 0.25, 2: 0.12}  # of the ellipse at so many standard deviations
 _NAMES = ("x", "y", "z")
@@ -20,33 +20,33 @@ _HALO = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.6}
 
 
 def planes(scene: Scene) -> list[Plane]:
-    """The projections that show this task."""
-    return list(scene.drawing.planes)
+    """Return the projections of this task."""
+    return list(scene.figure_settings.planes)
 
 
 def latent_planes(scene: Scene) -> list[Plane]:
-    """The projections that show the latent space, at most two."""
+    """Return the projections of the latent space, at most two."""
     return [(0, 1), (0, 2)] if scene.means.shape[-1] >= 3 else [(0, 1)]
 
 
 def numbered(scene: Scene, skill: int) -> str:
-    """The skill's number, as it stands at its goal, and its name."""
+    """Return the skill's number, as at its goal, and its name."""
     name, number = scene.skills[skill], str(skill + 1)
     return name if name.split()[-1:] == [number] else f"{number}  {name}"
 
 
-def fed_skills(scene: Scene) -> list[int]:
-    """The skills that occur in the episodes, -1 (between skills) last."""
+def skills_in_use(scene: Scene) -> list[int]:
+    """Return the skills that occur in the episodes, -1 (between skills) last."""
     used = {piece.skill for e in range(scene.trajectories.episodes) for piece in motion.pieces(scene, e)}
     return sorted(used, key=lambda skill: (skill < 0, skill))
 
 
 def limits(scene: Scene, plane: Plane) -> tuple[Array, Array]:
-    """Lower and upper corner of what a projection shows, (2,) m each, from limits common to all projections."""
+    """Return lower and upper corner of a projection, (2,) m each, from limits common to all projections."""
     reach = scene.tolerance
     ways = [motion.path(scene, episode) for episode in range(scene.trajectories.episodes)]
     ways += [hand for episode in motion.played(scene) if (hand := _hand(scene, episode)) is not None]
-    fed = [skill for skill in fed_skills(scene) if skill >= 0]
+    fed = [skill for skill in skills_in_use(scene) if skill >= 0]
     spots = np.concatenate([scene.waypoints, scene.goals if not len(scene.waypoints) else scene.goals[fed]])
     points = np.concatenate([spots - reach, spots + reach, *ways])
     low, high = points.min(axis=0), points.max(axis=0)
@@ -56,7 +56,7 @@ def limits(scene: Scene, plane: Plane) -> tuple[Array, Array]:
 
 
 def _hand(scene: Scene, episode: int) -> Array | None:
-    """The gripper's path where something else is judged, (length+1, 3) m."""
+    """Return the gripper's path if something else is compared with the goal, (length+1, 3) m."""
     data = scene.trajectories
     if data.object_pose is None or data.gripper_position is None:
         return None
@@ -65,7 +65,7 @@ def _hand(scene: Scene, episode: int) -> Array | None:
 
 
 def _frame(axes: Axes, scene: Scene, plane: Plane) -> None:
-    """Equal scales, limits and names of a map."""
+    """Set equal scales, limits and axis names of a map."""
     low, high = limits(scene, plane)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     axes.set(xlabel=f"{_NAMES[plane[0]]} [m]", ylabel=f"{_NAMES[plane[1]]} [m]")
@@ -76,13 +76,13 @@ def _frame(axes: Axes, scene: Scene, plane: Plane) -> None:
 
 
 def paths(axes: Axes, scene: Scene, plane: Plane) -> None:
-    """Every episode in the look of its skill: mean latents bold, sampled latents thin."""
+    """Draw every episode in the style of its skill: mean latents bold, sampled latents thin."""
     bold, data = motion.mean_episodes(scene), scene.trajectories
     rest = [episode for episode in range(data.episodes) if episode not in bold.values()]
     if scene.runs is Runs.BETWEEN:
         _between(axes, scene, plane, rest)
         rest = []
-    # one collection: hundreds of lines of their own take seconds to lay out
+    # one collection: hundreds of separate lines take seconds to lay out
     ways = [motion.path(scene, episode)[:, plane] for episode in rest]
     colors = [look(motion.episode_skill(scene, episode)).color for episode in rest]
     axes.add_collection(LineCollection(ways, colors=colors, linewidths=0.5, alpha=0.35, rasterized=True))
@@ -94,11 +94,11 @@ def paths(axes: Axes, scene: Scene, plane: Plane) -> None:
         axes.plot(*moved[-1], color=style.color, marker=style.marker, ms=4, zorder=4)
         axes.plot(*moved[0], color="black", marker="o", mfc="white", ms=4, zorder=5)
     _frame(axes, scene, plane)
-    axes.set_title(f"{scene.drawing.achieved} paths from above" if plane == (0, 1) else "from the side")
+    axes.set_title(f"{scene.figure_settings.achieved} paths from above" if plane == (0, 1) else "from the side")
 
 
 def _between(axes: Axes, scene: Scene, plane: Plane, episodes: list[int]) -> None:
-    """Where the means of neighbouring skills lead, a thin line from each end to half-way between the two goals."""
+    """Draw the ends of episodes between skills, each with a thin line to half-way between the two goals."""
     for episode in episodes:
         moved, wanted = motion.path(scene, episode)[:, plane], scene.trajectories.target[episode, list(plane)]
         axes.plot(*moved.T, color=TARGET, ls=(0, (1, 1)), lw=1.1, zorder=3)
@@ -108,7 +108,7 @@ def _between(axes: Axes, scene: Scene, plane: Plane, episodes: list[int]) -> Non
 
 
 def goals(axes: Axes, scene: Scene, plane: Plane) -> None:
-    """Goals with their tolerance, numbered; those that fall on one spot in this projection share a label."""
+    """Draw numbered goals with their tolerance; goals at one spot of this projection share a label."""
     for members in coincident(scene.goals[:, plane], scene.tolerance / 2):
         spot = scene.goals[members[0], list(plane)]
         for skill in members:
@@ -117,7 +117,7 @@ def goals(axes: Axes, scene: Scene, plane: Plane) -> None:
 
 
 def waypoints(axes: Axes, scene: Scene, plane: Plane) -> None:
-    """What had to be reached, with its tolerance, numbered in order; without waypoints the goals, numbered as skills."""
+    """Draw the waypoints with their tolerance, numbered in order; without waypoints the goals, numbered as skills."""
     spots = scene.waypoints if len(scene.waypoints) else scene.goals
     for members in coincident(spots[:, plane], scene.tolerance / 2):
         spot = spots[members[0], list(plane)]
@@ -127,7 +127,7 @@ def waypoints(axes: Axes, scene: Scene, plane: Plane) -> None:
 
 
 def _label(axes: Axes, spot: Array, radius: float, text: str) -> None:
-    """A label outside a circle, on the side away from the middle of the map so that it stands clear of the paths."""
+    """Write a label outside a circle, away from the middle of the map, where no paths are."""
     middle = np.array([np.mean(axes.get_xlim()), np.mean(axes.get_ylim())])
     away = spot - middle
     away = away / np.linalg.norm(away) if np.linalg.norm(away) > 1e-9 else np.array([0.0, 1.0])
@@ -150,7 +150,7 @@ def _label(axes: Axes, spot: Array, radius: float, text: str) -> None:
 
 
 def coincident(spots: Array, within: float) -> list[list[int]]:
-    """Indices of spots grouped by place, (n, 2) m; a spot joins the first group whose first member is near."""
+    """Group indices of nearby spots, (n, 2) m; a spot joins the first group whose first member is near."""
     found: list[list[int]] = []
     for index, spot in enumerate(spots):
         for members in found:
@@ -162,13 +162,13 @@ def coincident(spots: Array, within: float) -> list[list[int]]:
     return found
 
 
-BREAKS = "v"  # where an episode first goes beyond a safety limit
+VIOLATION = "v"  # marker where an episode first violates a safety limit
 
 
 def executed(axes: Axes, scene: Scene, plane: Plane, episodes: list[int]) -> None:
-    """Executed paths, each piece in the look of the skill that was fed, whose goal is a cross; a single one bold."""
+    """Draw executed paths, each piece in the style of its skill, whose goal is a cross; a single path is bold."""
     single, beyond = scene.runs is Runs.PLANNED, scene.trajectories.first_violations
-    for skill in fed_skills(scene):
+    for skill in skills_in_use(scene):
         if skill >= 0:
             axes.plot(*scene.goals[skill, list(plane)], color=look(skill).color, marker="+", ms=6, mew=1.2, zorder=2)
     for episode in episodes:
@@ -190,20 +190,20 @@ def executed(axes: Axes, scene: Scene, plane: Plane, episodes: list[int]) -> Non
         axes.plot(*moved[0], color="black", marker="o", mfc="white", ms=4, mew=0.8, zorder=5)
         axes.plot(*moved[-1], color="black", marker=end, mfc=filling, ms=4, mew=0.8, zorder=5)
         for step in beyond[episode].values():
-            axes.plot(*moved[step + 1], color="black", marker=BREAKS, mfc="white", ms=5, mew=0.8, zorder=6)
+            axes.plot(*moved[step + 1], color="black", marker=VIOLATION, mfc="white", ms=5, mew=0.8, zorder=6)
     for line in axes.lines:
-        line.set_in_layout(False)  # inside the axes anyway, and asking hundreds for their size takes seconds
+        line.set_in_layout(False)  # it is inside the axes, and laying out hundreds takes seconds
     _frame(axes, scene, plane)
     axes.set_title("executed, from above" if plane == (0, 1) else "from the side")
 
 
 def latents(axes: Axes, scene: Scene, plane: Plane, route: int | None = None) -> None:
-    """Means with one-sigma ellipses (and two sigma in the plane task), and the way an episode takes through them.
+    """Draw means with ellipses of standard deviations, and the latents of an episode in order.
 
     Args:
         axes: where to draw.
         scene: what to draw.
-        plane: the two components; one that the latent does not have is zero.
+        plane: the two components; a missing component is zero.
         route: the episode whose latents are joined by a line.
     """
     means, stds = components(scene.means, plane), components(scene.stds, plane)
@@ -212,7 +212,7 @@ def latents(axes: Axes, scene: Scene, plane: Plane, route: int | None = None) ->
         axes.annotate(text, (spot[0], spot[1]), xytext=(6, 6), textcoords="offset points", zorder=6, bbox=_HALO)
     for skill, (mean, std) in enumerate(zip(means, stds, strict=True)):
         style = look(skill)
-        for scale, alpha in ((n, _ALPHA[n]) for n in sorted(scene.drawing.latent_sigmas, reverse=True)):
+        for scale, alpha in ((n, _ALPHA[n]) for n in sorted(scene.figure_settings.latent_sigmas, reverse=True)):
             width, height = 2 * scale * std
             axes.add_patch(Ellipse(tuple(mean), width, height, fc=style.color, ec="none", alpha=alpha, zorder=1))
         axes.add_patch(Ellipse(tuple(mean), *(2 * std), fill=False, ec=style.color, ls=style.dash, lw=0.9, zorder=2))
@@ -225,10 +225,10 @@ def latents(axes: Axes, scene: Scene, plane: Plane, route: int | None = None) ->
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel=f"$z_{plane[0] + 1}$", ylabel=f"$z_{plane[1] + 1}$")
     axes.grid(True)
-    what = " and ".join(rf"{n}$\sigma$" for n in sorted(scene.drawing.latent_sigmas))
+    what = " and ".join(rf"{n}$\sigma$" for n in sorted(scene.figure_settings.latent_sigmas))
     axes.set_title(f"latent space ({what})" if route is None else "the plan in latent space")
 
 
 def components(latent: Array, plane: Plane) -> Array:
-    """Two components of latents, (n, d) → (n, 2)."""
+    """Return two components of latents, (n, d) → (n, 2)."""
     return np.stack([latent[:, i] if i < latent.shape[-1] else np.zeros(len(latent)) for i in plane], axis=-1)

@@ -1,4 +1,4 @@
-"""A robot at its start, from the side and from above, with where its gripper can be."""
+"""A robot at its start, from the side and from above, and the range of its gripper."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from skillcli.robots.posture import posed
 from skillcli.robots.robot import Robot
 from skillcli.robots.scene import GRIPPER
 from skillcli.trajectories import Array
-from skillcli.viz.canvas import WIDTH, blank
+from skillcli.viz.figure_style import WIDTH, blank
 from skillcli.viz.kinematics import LAST_VISUAL_GROUP, moves
 
 VIEWS = (("from the side", 0, 2), ("from above", 0, 1))
@@ -29,13 +29,13 @@ def draw_robot(robot: Robot, start: tuple[float, ...], goals: Array) -> Figure:
     Args:
         robot: the arm.
         start: joint vector (n,) rad.
-        goals: (K, 3) m, none where K is 0.
+        goals: (K, 3) m, K may be 0.
     """
     data = posed(robot.model, robot.names, start)
     gripper = data.site(GRIPPER).xpos
     outlines = list(_outlines(robot.model, data))
-    drawn = blank(WIDTH, 3.2)
-    for axes, (title, across, up) in zip(np.ravel(drawn.subplots(1, 2)), VIEWS, strict=True):
+    figure = blank(WIDTH, 3.2)
+    for axes, (title, across, up) in zip(np.ravel(figure.subplots(1, 2)), VIEWS, strict=True):
         for points, color in outlines:
             _fill(axes, points[:, [across, up]], color)
         axes.scatter(goals[:, across], goals[:, up], s=14, marker="s", c="none", edgecolors="black", lw=0.7, zorder=4)
@@ -47,11 +47,11 @@ def draw_robot(robot: Robot, start: tuple[float, ...], goals: Array) -> Figure:
         low, high = everything.min(axis=0) - MARGIN, everything.max(axis=0) + MARGIN
         axes.set(xlim=(low[across], high[across]), ylim=(low[up], high[up]))
         axes.grid(True)
-    return drawn
+    return figure
 
 
 def _workspace(axes: Any, robot: Robot, across: int, up: int) -> None:
-    """The circle that the gripper cannot leave."""
+    """Draw the circle that the gripper cannot leave."""
     angles = np.linspace(0, 2 * np.pi, 200)
     room = robot.workspace
     x, y = room.shoulder[across] + room.reach * np.cos(angles), room.shoulder[up] + room.reach * np.sin(angles)
@@ -59,7 +59,7 @@ def _workspace(axes: Any, robot: Robot, across: int, up: int) -> None:
 
 
 def _outlines(model: mujoco.MjModel, data: mujoco.MjData) -> Any:
-    """Points whose hull is the outline of each geom of the arm, (P, 3) m, and its colour; lower ones first."""
+    """Yield points whose hull is the outline of each geom of the arm, (P, 3) m, and its colour; lower ones first."""
     table = model.body("table").id
     dressed = {int(b) for b in model.geom_bodyid[model.geom_group <= LAST_VISUAL_GROUP]}
     order = np.argsort(data.geom_xpos[:, 2])
@@ -75,7 +75,7 @@ def _outlines(model: mujoco.MjModel, data: mujoco.MjData) -> Any:
 
 
 def _surface(model: mujoco.MjModel, geom: int) -> Array:
-    """Points on a geom in its own frame, (P, 3) m, that span its convex hull."""
+    """Return points on a geom in its own frame, (P, 3) m, that span its convex hull."""
     kind, size = model.geom_type[geom], model.geom_size[geom]
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
         mesh = model.geom_dataid[geom]
@@ -99,15 +99,15 @@ def _surface(model: mujoco.MjModel, geom: int) -> Array:
 
 
 def _both_ends(points: Array, half: float) -> Array:
-    """Points (P, 3) m moved up and down the z axis by half a length, (2P, 3) m."""
+    """Return points (P, 3) m moved up and down the z axis by half a length, (2P, 3) m."""
     along = np.array([0.0, 0.0, half])
     return np.concatenate([points + along, points - along])
 
 
 def _fill(axes: Any, points: Array, color: Array) -> None:
-    """The hull of projected points (P, 2) m."""
+    """Fill the hull of projected points (P, 2) m."""
     try:
         outline = points[ConvexHull(points).vertices]
-    except (QhullError, ValueError):  # all on a line: nothing to see from here
+    except (QhullError, ValueError):  # all on a line
         return
     axes.add_patch(Polygon(outline, facecolor=color[:3], edgecolor="black", lw=0.3, alpha=max(0.3, float(color[3])), zorder=2))

@@ -1,4 +1,4 @@
-"""Figures of what lies between two skills."""
+"""Figures of latents between two skills."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from matplotlib.lines import Line2D
 
 from skillcli.metrics import neighbours
 from skillcli.trajectories import Array
-from skillcli.viz.canvas import WIDTH, blank, legend
+from skillcli.viz.figure_style import WIDTH, blank, legend
 from skillcli.viz.palette import BETWEEN, COLORS, TARGET
 
 
 def calibration(pair: Array, share: Array, end: Array, goals: Array) -> Figure:
-    """How far along the way between two goals a held latent between two skills leads.
+    """Draw how far along the way between two goals a held latent between two skills leads.
 
     Args:
         pair: (P, 2) skills.
@@ -22,8 +22,8 @@ def calibration(pair: Array, share: Array, end: Array, goals: Array) -> Figure:
         goals: (K, 3) m.
     """
     near = set(neighbours(goals))
-    drawn = blank(WIDTH, 2.7)
-    along, off = drawn.subplots(1, 2)
+    figure = blank(WIDTH, 2.7)
+    along, off = figure.subplots(1, 2)
     for (a, b), ends in sorted(zip(pair.tolist(), end, strict=True), key=lambda found: tuple(found[0]) in near):
         way = goals[b] - goals[a]
         fraction = (ends - goals[a]) @ way / (way @ way)
@@ -42,5 +42,5 @@ def calibration(pair: Array, share: Array, end: Array, goals: Array) -> Figure:
         Line2D([], [], color=BETWEEN, lw=0.7, ls=":", label="other pairs"),
         Line2D([], [], color=TARGET, lw=1.4, ls="--", label="a metric would give this"),
     ]
-    legend(drawn, [*lines])
-    return drawn
+    legend(figure, [*lines])
+    return figure

@@ -9,21 +9,21 @@ from matplotlib.figure import Figure
 
 from skillcli.seeding import generator
 from skillcli.trajectories import Array
-from skillcli.viz.canvas import WIDTH, blank
+from skillcli.viz.figure_style import WIDTH, blank
 from skillcli.viz.palette import look
 
 DRAWS = 2000
 
 
 def arm_returns(arms: Mapping[str, tuple[Array, Array]], unit: str) -> Figure:
-    """Return of the composer without exploration while it learns, by the latents that it may choose (paper figure 10).
+    """Draw the return of a composer without exploration while it learns, by the set of latents (paper figure 10).
 
     Args:
-        arms: by name: (I,) what it is drawn over, thousands of control steps; (R, I) returns of R runs.
+        arms: by name: (I,) thousands of control steps, and (R, I) returns of R runs.
         unit: name of the return.
     """
-    drawn = blank(WIDTH, 2.8)
-    axes = drawn.subplots()
+    figure = blank(WIDTH, 2.8)
+    axes = figure.subplots()
     for index, (name, (steps, returns)) in enumerate(arms.items()):
         style, every = look(index), max(1, len(steps) // 8)
         low, high = bootstrap(returns)
@@ -42,11 +42,11 @@ def arm_returns(arms: Mapping[str, tuple[Array, Array]], unit: str) -> Figure:
     axes.set(xlabel="control steps [thousands]", ylabel=unit)
     axes.grid(True)
     axes.legend(loc="lower right", title="latents to choose from")
-    return drawn
+    return figure
 
 
 def bootstrap(samples: Array, draws: int = DRAWS) -> tuple[Array, Array]:
-    """95 % percentile interval of the mean over the first axis (Efron 1979), (R, I) to two of (I,)."""
+    """Compute the 95 % percentile interval of the mean over the first axis (Efron 1979), (R, I) to two of (I,)."""
     chosen = generator(0, "bootstrap").integers(len(samples), size=(draws, len(samples)))
     low, high = np.quantile(samples[chosen].mean(axis=1), [0.025, 0.975], axis=0)
     return low, high

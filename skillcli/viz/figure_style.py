@@ -1,4 +1,4 @@
-"""What all figures share: size, style and how they become files, the same bytes for the same picture."""
+"""The common style of all figures: size, fonts, legends, and encoding; equal figures give equal bytes."""
 
 from __future__ import annotations
 
@@ -33,40 +33,40 @@ STYLE: Any = {  # matplotlib types the keys as one literal of all its settings
     "legend.handlelength": 2.6,
     "lines.linewidth": 1.4,
     "pdf.fonttype": 42,  # text stays text, so that a journal can embed the font
-    "svg.hashsalt": "skill",  # the same picture gives the same file
+    "svg.hashsalt": "skill",  # equal figures give equal files
 }
-UNUSED = ("backend", "backend_fallback")  # of settings: nothing here opens a window
+UNUSED = ("backend", "backend_fallback")  # settings without effect: nothing here opens a window
 
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Figures are made and written inside this block, with our settings and no others."""
+    """Make and write figures inside this block, with these settings and no others."""
     theirs, ours = matplotlib.rcParams, matplotlib.rcParamsDefault
     changed = {key: value for key, value in ours.items() if key not in UNUSED and theirs[key] != value}
     with matplotlib.rc_context({**changed, **STYLE}), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing")  # a name in letters that the font lacks is drawn as boxes
-        warnings.filterwarnings("ignore", "constrained_layout not applied")  # nor is one that leaves no room for the axes
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # a character that the font lacks is drawn as a box
+        warnings.filterwarnings("ignore", "constrained_layout not applied")  # a long name may leave no room for the axes
         yield
 
 
 def blank(width: float, height: float) -> Figure:
-    """An empty figure, inches, that no window belongs to."""
-    drawn = Figure((width, height), layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.06, wspace=0.03, hspace=0.04))
-    FigureCanvasAgg(drawn)
-    return drawn
+    """Make an empty figure in inches, without a window."""
+    figure = Figure((width, height), layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.06, wspace=0.03, hspace=0.04))
+    FigureCanvasAgg(figure)
+    return figure
 
 
-def encoded(drawn: Figure, suffix: str) -> bytes:
-    """The figure as one of `files.FORMATS`, without a date. The first time finds its layout, which is then kept."""
+def encoded(figure: Figure, suffix: str) -> bytes:
+    """Encode the figure as one of `files.FORMATS`, without a date. The first call computes the layout, which is then kept."""
     dated: dict[str, dict[str, Any]] = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
     stream = io.BytesIO()
-    drawn.savefig(stream, format=suffix, dpi=DPI, metadata=dated[suffix])
-    drawn.set_layout_engine("none")
+    figure.savefig(stream, format=suffix, dpi=DPI, metadata=dated[suffix])
+    figure.set_layout_engine("none")
     return stream.getvalue()
 
 
 def skill_handles(names: Iterable[tuple[int, str]], marked: bool = True) -> list[Line2D]:
-    """Entries of a legend for skills: index (-1: between skills) and name; `marked` where markers are drawn too."""
+    """Make legend entries for skills: index (-1: between skills) and name; `marked` if markers are drawn too."""
     looks = [(look(skill), name) for skill, name in names]
     return [
         Line2D([], [], color=each.color, ls=each.dash, marker=each.marker if marked else "", ms=4, label=name)
@@ -75,12 +75,12 @@ def skill_handles(names: Iterable[tuple[int, str]], marked: bool = True) -> list
 
 
 def mark(label: str, marker: str, filling: str = "black", color: str = "black", size: float = 4) -> Line2D:
-    """An entry of a legend that is a single mark."""
+    """Make a legend entry that is a single mark."""
     return Line2D([], [], color=color, ls="none", marker=marker, mfc=filling, ms=size, mew=0.8, label=label)
 
 
-def legend(drawn: Figure, handles: Sequence[Artist], width: int = 105) -> None:
-    """A legend below everything, in as many columns as `width` characters hold."""
+def legend(figure: Figure, handles: Sequence[Artist], width: int = 105) -> None:
+    """Put a legend below everything, in as many columns as fit into `width` characters."""
     longest = max((len(str(handle.get_label())) for handle in handles), default=1)
     columns = max(1, min(len(handles), int(width / (longest + 9))))
-    drawn.legend(handles=[*handles], loc="outside lower center", ncols=columns)
+    figure.legend(handles=[*handles], loc="outside lower center", ncols=columns)

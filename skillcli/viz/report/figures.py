@@ -1,4 +1,4 @@
-"""Which figures can be drawn from what is there, of which artifacts, and what is said below them."""
+"""The figures of the report: which can be drawn from which artifacts, and their captions."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL
 from skillcli.kinds.compose import GOALS, ComposeResults
 from skillcli.trajectories import Array
 from skillcli.viz import motion
-from skillcli.viz.canvas import encoded, styled
+from skillcli.viz.figure_style import encoded, styled
 from skillcli.viz.files import FORMATS
-from skillcli.viz.plots import composers, interpolation, learning, point, push, reach, transfer
+from skillcli.viz.paper_figures import composers, interpolation, learning, point, push, reach, transfer
 from skillcli.viz.report import paper
-from skillcli.viz.report.content import Drawing, Missing
+from skillcli.viz.report.content import Missing, ReportFigure
 from skillcli.viz.report.selection import Exhibit, Material
 from skillcli.viz.scene import Runs, label
 
@@ -37,7 +37,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Subject:
-    """A figure of the report: what it is, how it comes about, and what it takes where that is missing."""
+    """A figure of the report: its title, how to draw it, and what it needs."""
 
     slug: str
     paper_figure: str
@@ -46,9 +46,9 @@ class Subject:
     needs: str
 
 
-def drawings(material: Material) -> tuple[list[Drawing], list[Missing]]:
-    """Every figure that the material allows, and why the others are not there."""
-    drawn, missing = [], []
+def make_figures(material: Material) -> tuple[list[ReportFigure], list[Missing]]:
+    """Draw every figure that the material allows, and say why the others are missing."""
+    figures, missing = [], []
     for subject in SUBJECTS:
         plan = subject.plan(material)
         number = f" (figure {subject.paper_figure} of the paper)" if subject.paper_figure else ""
@@ -59,12 +59,12 @@ def drawings(material: Material) -> tuple[list[Drawing], list[Missing]]:
             figure = plan.make()
             files = {suffix: encoded(figure, suffix) for suffix in FORMATS}
         ids = [one.id for one in plan.used]
-        drawn.append(Drawing(subject.slug, subject.paper_figure, subject.title, plan.caption, ids, files))
-    return drawn, missing
+        figures.append(ReportFigure(subject.slug, subject.paper_figure, subject.title, plan.caption, ids, files))
+    return figures, missing
 
 
 def _remedy(subject: Subject, material: Material) -> str:
-    """The commands that give figure 10, which no chain makes by itself."""
+    """Return the commands for figure 10, whose artifacts no chain makes."""
     libraries = material.find(EMBED_MEANS, "reach")
     if subject.plan is not _arm_returns or not libraries:
         return ""
@@ -139,7 +139,7 @@ def _reach_compositions(material: Material) -> Plan | None:
 
 
 def _of_one_library(exhibits: list[Exhibit]) -> list[Exhibit]:
-    """Those of the library that comes first: what is told by the number of a skill would mix others up."""
+    """Keep the exhibits of the first library: colours are by skill number, which differs between libraries."""
     return [one for one in exhibits if one.name == exhibits[0].name]
 
 
@@ -332,7 +332,7 @@ def _cm(distance: float) -> str:
 
 
 def _range_cm(distances: Iterable[float]) -> str:
-    """From the smallest to the largest distance, in whole cm."""
+    """Write the range of distances in whole cm."""
     known = list(distances)
     return f"{100 * min(known):.0f} to {100 * max(known):.0f}"
 
@@ -343,13 +343,13 @@ def _and(words: Iterable[str]) -> str:
 
 
 def _said(one: Exhibit, *path: str, form: str) -> str:
-    """A number of the results as text."""
+    """Write a number of the results."""
     number = one.value("results", *path)
     return format(number, form) if isinstance(number, float) else "not recorded"
 
 
 def _composed(one: Exhibit) -> str:
-    """What a composition is, short."""
+    """Describe a composition briefly."""
     found = _plan_of(one)
     goal = ", ".join(f"{x:g}" for x in one.scene.waypoints[-1])
     return label(f"{found.method}: ({goal})" if found.task == GOALS else f"{found.method}: {found.task}")
@@ -360,7 +360,7 @@ def _closest(one: Exhibit) -> str:
 
 
 def _transfers(material: Material) -> tuple[list[Exhibit], list[str]]:
-    """Transfers of compositions and then of bare skills, with what they are."""
+    """Return transfers of compositions and then of bare skills, with labels."""
     found = sorted(material.find(TRANSFER_EVAL), key=lambda one: (not len(one.scene.waypoints), one.name))[
         : transfer.MAX_TRANSFERS
     ]
@@ -368,7 +368,7 @@ def _transfers(material: Material) -> tuple[list[Exhibit], list[str]]:
 
 
 def _arm(one: Exhibit) -> str:
-    """The latents that a composer may choose from."""
+    """Return the set of latents of a composer."""
     ddpg = one.artifact.recipe.get("ddpg")
     return label(str(ddpg.get("latents", ""))) if isinstance(ddpg, dict) else ""
 
@@ -379,7 +379,7 @@ def _with_arm(one: Exhibit) -> bool:
 
 
 def _padded(runs: Sequence[Exhibit]) -> tuple[Array, Array]:
-    """Control steps (I,), thousands, and returns (R, I) of runs of one arm, each continued by its last value."""
+    """Return control steps (I,), thousands, and returns (R, I) of runs; shorter runs keep their last value."""
     longest = max(runs, key=lambda one: len(one.scene.curves["greedy_return"]))
     count = len(longest.scene.curves["greedy_return"])
     rows = [one.scene.curves["greedy_return"] for one in runs]

@@ -1,4 +1,4 @@
-"""Figures of the training: how fast it learns, and what the latent space is like then."""
+"""Figures of training: learning curves, and the resulting latent space."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from skillcli.metrics import pairwise_distance
 from skillcli.trajectories import Array
-from skillcli.viz import panels_time
-from skillcli.viz.canvas import WIDTH, blank, legend, skill_handles
+from skillcli.viz import subplots_time
+from skillcli.viz.figure_style import WIDTH, blank, legend, skill_handles
 from skillcli.viz.palette import TARGET, look
 from skillcli.viz.scene import Scene
 
@@ -21,13 +21,13 @@ MAX_LIBRARIES = 4  # side by side
 
 
 def curves(scenes: Sequence[Scene]) -> Figure:
-    """Success and final distance over the control steps of the training.
+    """Draw success and final distance over the control steps of training.
 
     Args:
         scenes: of pretrain artifacts with curves, at most `MAX_LIBRARIES`.
     """
-    drawn = blank(WIDTH, 3.5)
-    grid = drawn.subplots(2, len(scenes), squeeze=False, sharex="col")
+    figure = blank(WIDTH, 3.5)
+    grid = figure.subplots(2, len(scenes), squeeze=False, sharex="col")
     for column, scene in enumerate(scenes):
         _success(grid[0, column], scene)
         _distance(grid[1, column], scene)
@@ -36,12 +36,12 @@ def curves(scenes: Sequence[Scene]) -> Figure:
     grid[1, 0].set_ylabel(f"final distance {grid[1, 0].get_ylabel()}")
     most = max(len(scene.skills) for scene in scenes)
     mean = Line2D([], [], color="black", lw=1.6, label="mean")
-    legend(drawn, [*skill_handles(((skill, f"skill {skill + 1}") for skill in range(most)), marked=False), mean])
-    return drawn
+    legend(figure, [*skill_handles(((skill, f"skill {skill + 1}") for skill in range(most)), marked=False), mean])
+    return figure
 
 
 def _success(axes: Axes, scene: Scene) -> None:
-    """Success of each skill and of all."""
+    """Draw the success of each skill and of all."""
     for skill, name in enumerate(scene.skills):
         if (values := scene.curves.get(f"success/{name}")) is not None:
             axes.plot(_millions(scene, values), values, color=look(skill).color, ls=look(skill).dash, lw=0.7)
@@ -52,9 +52,9 @@ def _success(axes: Axes, scene: Scene) -> None:
 
 
 def _distance(axes: Axes, scene: Scene) -> None:
-    """Mean final distance, with the tolerance."""
-    scale, unit = panels_time.unit(scene)
-    values = scale * np.maximum(np.asarray(scene.curves["final_distance"], dtype=float), panels_time.FLOOR)
+    """Draw the mean final distance, with the tolerance."""
+    scale, unit = subplots_time.unit(scene)
+    values = scale * np.maximum(np.asarray(scene.curves["final_distance"], dtype=float), subplots_time.FLOOR)
     axes.plot(_millions(scene, values), values, color=TARGET, lw=1.1)
     axes.axhline(scale * scene.tolerance, color=TARGET, lw=0.8, ls=(0, (4, 3)))
     axes.set(
@@ -67,22 +67,22 @@ def _distance(axes: Axes, scene: Scene) -> None:
 
 
 def _millions(scene: Scene, values: Array) -> Array:
-    """What a curve is drawn over: millions of control steps where they were counted, else iterations."""
+    """Return the x values of a curve: millions of control steps if they were counted, else iterations."""
     steps = scene.curves.get("env_steps")
     over: Array = np.arange(len(values)) if steps is None or len(steps) != len(values) else np.asarray(steps) / 1e6
     return over
 
 
 def distances(scenes: Sequence[Scene], correlations: Sequence[float | None]) -> Figure:
-    """Distances between skills in the latent space against those between their goals: is there a metric?
+    """Compare distances between skills in the latent space with those between their goals.
 
     Args:
         scenes: of embed-means artifacts, at most `MAX_LIBRARIES`.
         correlations: Pearson r of each.
     """
-    drawn = blank(WIDTH, 2.3)
+    figure = blank(WIDTH, 2.3)
     for column, (scene, r) in enumerate(zip(scenes, correlations, strict=True)):
-        axes = drawn.add_subplot(1, len(scenes), column + 1)
+        axes = figure.add_subplot(1, len(scenes), column + 1)
         upper = np.triu_indices(len(scene.means), 1)
         latent, goal = pairwise_distance(scene.means)[upper], pairwise_distance(scene.goals)[upper]
         style = look(column)
@@ -95,9 +95,9 @@ def distances(scenes: Sequence[Scene], correlations: Sequence[float | None]) -> 
         )
         axes.set_title(_short(scene) + (f"\nr = {r:.2f}, n = {len(goal)}" if r is not None else f"\nn = {len(goal)}"))
         axes.grid(True)
-    return drawn
+    return figure
 
 
 def _short(scene: Scene) -> str:
-    """Whose library it is: the first part of its id."""
+    """Return the library's name: the first part of its id."""
     return scene.title.split("/")[0]
