@@ -73,11 +73,13 @@ def pretrain(
     from skillcli.kinds import PRETRAIN
     from skillcli.recipe import load_recipe
     from skillcli.stages.pretrain import pretrain as stage
+    from skillcli.tasks.world import World
 
     session: Session = context.obj
     resolved = load_recipe(recipe, overrides or (), robot)
     folder = checked(name) or resolved.name
-    if resume and not session.store.checkpoint_path(folder, PRETRAIN.name, pretrain_inputs(resolved, seed)).exists():
+    inputs = pretrain_inputs(resolved, World.of(resolved), seed) if resume else ""
+    if resume and not session.store.checkpoint_path(folder, PRETRAIN.name, inputs).exists():
         session.say("nothing was interrupted with this recipe, seed and name: starting anew")
     with ExitStack() as opened:
         on_progress = opened.enter_context(session.progress())

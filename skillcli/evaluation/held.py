@@ -6,20 +6,18 @@ import numpy as np
 
 from skillcli.evaluation.rollouts import rollout
 from skillcli.learning.agent import Agent
-from skillcli.recipe import Recipe
 from skillcli.tasks.world import MAX_SIMULATIONS, World
 from skillcli.trajectories import Array, Trajectories
 
 
 def rollout_held(
-    recipe: Recipe, agent: Agent, latent: Array, target: Array, skill: Array, threads: int = 0
+    world: World, agent: Agent, latent: Array, target: Array, skill: Array, threads: int = 0
 ) -> tuple[Trajectories, Array]:
     """Hold one latent (E, d) per episode from start to end; success is measured at its target (E, 3) m.
 
     Returns:
         The recording, with the skills (E,), and the observations (E, T+1, o).
     """
-    world = World.of(recipe)
     recordings, observations = [], []
     for first in range(0, len(skill), MAX_SIMULATIONS):
         part = slice(first, first + MAX_SIMULATIONS)

@@ -20,8 +20,8 @@ from skillcli.tasks.world import World
 DRAWN = "each episode by itself, what repeats once"  # how robots are drawn; results drawn in another way are not reused
 
 
-def robots_for(recipe: Recipe, method: str, on: str, seed: int) -> SampledRobots:
-    """Return the robots on which a method tries latents.
+def robots_for(recipe: Recipe, world: World, method: str, on: str, seed: int) -> SampledRobots:
+    """Return the robots on which a method tries latents; `world` is that of the recipe.
 
     Raises:
         UsageError: the domain is unknown, or the method tries no latents.
@@ -31,7 +31,7 @@ def robots_for(recipe: Recipe, method: str, on: str, seed: int) -> SampledRobots
         able = ", ".join(name for name, other in all_specs().items() if other.on_target)
         raise UsageError(f"--method {method} tries no latents, so it cannot plan on a domain", f"--on goes with {able}")
     settings = recipe.compose if spec.ensemble else recipe.compose.model_copy(update={"ensemble": 0})
-    return SampledRobots.of(settings, on, seed, World.of(recipe).joints)
+    return SampledRobots.of(settings, on, seed, world.joints)
 
 
 def replanning() -> list[str]:
@@ -39,9 +39,9 @@ def replanning() -> list[str]:
     return [name for name, spec in all_specs().items() if spec.replans]
 
 
-def pretrain_inputs(recipe: Recipe, seed: int) -> str:
-    """Return the fingerprint of a training."""
-    return fingerprint(PRETRAIN.name, [recipe.fingerprint(TRAINED), seed, World.of(recipe).fingerprint])
+def pretrain_inputs(recipe: Recipe, world: World, seed: int) -> str:
+    """Return the fingerprint of a training; `world` is that of the recipe."""
+    return fingerprint(PRETRAIN.name, [recipe.fingerprint(TRAINED), seed, world.fingerprint])
 
 
 def embed_means_inputs(source: Artifact | Parent) -> str:
@@ -50,9 +50,9 @@ def embed_means_inputs(source: Artifact | Parent) -> str:
 
 
 def compose_inputs(
-    source: Artifact | Parent, recipe: Recipe, request: Request, method: str, seed: int = 0, on: str = ""
+    source: Artifact | Parent, recipe: Recipe, world: World, request: Request, method: str, seed: int = 0, on: str = ""
 ) -> str:
-    """Return the fingerprint of a composition."""
+    """Return the fingerprint of a composition; `world` is that of the recipe."""
     parts: list[Any] = [
         source.content_sha256,
         method,
@@ -61,7 +61,7 @@ def compose_inputs(
         request.waypoints,
         request.route,
     ]
-    robots = robots_for(recipe, method, on, seed)
+    robots = robots_for(recipe, world, method, on, seed)
     if robots.parameters or on:
         parts += [seed, on, {name: values.tolist() for name, values in robots.parameters.items()}]
     return fingerprint(COMPOSE.name, [*parts, seed] if method_spec(method).draws else parts)

@@ -6,7 +6,6 @@ import hashlib
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -31,15 +30,11 @@ class Library:
 
     source: Artifact  # the pretrain artifact
     recipe: Recipe
+    world: World  # the task on the robot that the skills were trained on
     agent: Agent
     mean: Array  # (K, d)
     std: Array  # (K, d)
     goals: Array  # (K, 3) m
-
-    @cached_property
-    def world(self) -> World:
-        """Return the task with the robot that the skills were trained on."""
-        return World.of(self.recipe)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -71,12 +66,13 @@ def open_library(store: Store, artifact: Artifact) -> Library:
         check_meaning(one)
     check_same_skills(artifact, source)
     recipe, weights = stored_recipe(source), source.group("weights")
-    observation, action, _ = World.of(recipe).sizes
+    world = World.of(recipe)
+    observation, action, _ = world.sizes
     privileged = weights["privileged_normalizer.mean"].shape[0] if "privileged_normalizer.mean" in weights else 0
     agent = Agent(recipe, observation, action, source.arrays["skills/goal"], privileged=privileged)
     agent.load(weights)
     arrays = source.arrays
-    return Library(source, recipe, agent, arrays["embedding/mean"], arrays["embedding/std"], arrays["skills/goal"])
+    return Library(source, recipe, world, agent, arrays["embedding/mean"], arrays["embedding/std"], arrays["skills/goal"])
 
 
 def kin(store: Store, artifact_id: ArtifactId, library: Library) -> Artifact:

@@ -41,7 +41,7 @@ def problem_of(
         return LatentEnvironment(env, library.agent.act, robots.count, SAFETY_LIMITS)
 
     def hold_to_end(latent: Array, target: Array) -> Array:
-        recording, _ = rollout_held(library.recipe, library.agent, latent, target, np.full(len(latent), -1))
+        recording, _ = rollout_held(library.world, library.agent, latent, target, np.full(len(latent), -1))
         end: Array = recording.achieved_goal[np.arange(recording.episodes), recording.length]
         return end
 

@@ -21,7 +21,7 @@ from skillcli.store import Artifact, Store, content_hash
 from skillcli.tasks.world import World
 from skillcli.trajectories import Array
 
-Inputs = Callable[[Artifact], str]
+Inputs = Callable[[Artifact, World], str]
 
 
 def finished(store: Store, kind: AnyKind, inputs: str, name: str, inputs_of: Inputs) -> Artifact | None:
@@ -32,7 +32,7 @@ def finished(store: Store, kind: AnyKind, inputs: str, name: str, inputs_of: Inp
         kind: of the artifact.
         inputs: fingerprint of everything that the work depends on.
         name: first part of its id.
-        inputs_of: computes the fingerprint from an artifact's content; "" if it cannot.
+        inputs_of: computes the fingerprint from an artifact's content and the world of its recipe; "" if it cannot.
 
     Raises:
         StoreError: an artifact that claims these inputs cannot be read.
@@ -47,24 +47,23 @@ def finished(store: Store, kind: AnyKind, inputs: str, name: str, inputs_of: Inp
 def _really(artifact: Artifact, inputs_of: Inputs) -> str:
     try:
         check_meaning(artifact)
-        if artifact.model_sha256 != World.of(stored_recipe(artifact)).fingerprint:
-            return ""
-        return inputs_of(artifact)
+        world = World.of(stored_recipe(artifact))
+        return inputs_of(artifact, world) if artifact.model_sha256 == world.fingerprint else ""
     except SkillError:
         return ""
 
 
-def of_pretrain(artifact: Artifact) -> str:
+def of_pretrain(artifact: Artifact, world: World) -> str:
     """Compute the fingerprint of a training."""
-    return pretrain_inputs(stored_recipe(artifact), artifact.seed)
+    return pretrain_inputs(stored_recipe(artifact), world, artifact.seed)
 
 
-def of_embed_means(artifact: Artifact) -> str:
+def of_embed_means(artifact: Artifact, _: World) -> str:
     """Compute the fingerprint of means."""
     return embed_means_inputs(artifact.parents[0]) if artifact.parents else ""
 
 
-def of_compose(artifact: Artifact) -> str:
+def of_compose(artifact: Artifact, world: World) -> str:
     """Compute the fingerprint of a plan made in the nominal simulation."""
     results, arrays = COMPOSE.results_of(artifact), artifact.arrays
     if not artifact.parents or results.on:
@@ -72,18 +71,17 @@ def of_compose(artifact: Artifact) -> str:
     target, route = arrays["waypoints/target"], arrays["waypoints/route"]
     routes = tuple(target[route == index] for index in range(results.routes))
     request = Request("" if results.task == GOALS else results.task, routes)
-    return compose_inputs(artifact.parents[0], stored_recipe(artifact), request, results.method, artifact.seed)
+    return compose_inputs(artifact.parents[0], stored_recipe(artifact), world, request, results.method, artifact.seed)
 
 
-def of_transfer_eval(artifact: Artifact, domains: Sequence[str], episodes: int) -> str:
+def of_transfer_eval(artifact: Artifact, world: World, domains: Sequence[str], episodes: int) -> str:
     """Compute the fingerprint of a transfer of the skills' own robot; the drawn parameters identify the domains."""
     results, found = TRANSFER_EVAL.results_of(artifact), find_domains(domains)
     named = [domain.name for domain in results.domains] == [domain.name for domain in found]
     if not artifact.parents or not named or results.robot:
         return ""
-    joints = World.of(stored_recipe(artifact)).joints
     for domain in found:
-        drawn = TargetRobots.drawn(domain, episodes, artifact.seed, joints).parameters
+        drawn = TargetRobots.drawn(domain, episodes, artifact.seed, world.joints).parameters
         if not _begins(artifact.group(f"domains/{domain.name}"), drawn):
             return ""
     sensitivity = any(domain.sensitivity is not None for domain in results.domains)

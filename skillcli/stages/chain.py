@@ -18,6 +18,7 @@ from skillcli.stages.embed_means import embed_means
 from skillcli.stages.pretrain import pretrain
 from skillcli.stages.transfer_eval import transfer_eval
 from skillcli.store import Artifact, Store
+from skillcli.tasks.world import World
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,8 @@ def run_chain(
     """
     request = Request.of(recipe, "", ())  # what is wrong with the last stages is said before the first
     find_domains(recipe.transfer.domains)
-    found = finished(store, PRETRAIN, pretrain_inputs(recipe, seed), name, of_pretrain)
+    world = World.of(recipe)
+    found = finished(store, PRETRAIN, pretrain_inputs(recipe, world, seed), name, of_pretrain)
     skills = found or pretrain(store, recipe, seed, name, command, resume=True, on_progress=on_progress)
     yield Link(skills, found is not None)
 
@@ -46,13 +48,13 @@ def run_chain(
     means = found or embed_means(store, skills.id, command)
     yield Link(means, found is not None)
 
-    inputs = compose_inputs(means, recipe, request, DEFAULT)
+    inputs = compose_inputs(means, recipe, world, request, DEFAULT)
     found = finished(store, COMPOSE, inputs, name, of_compose)
     plan = found or compose(store, means.id, recipe, request, DEFAULT, command, on_progress=on_progress)
     yield Link(plan, found is not None)
 
     domains, episodes = recipe.transfer.domains, recipe.transfer.episodes
     inputs = transfer_eval_inputs(plan, recipe, domains, episodes, seed)
-    found = finished(store, TRANSFER_EVAL, inputs, name, lambda one: of_transfer_eval(one, domains, episodes))
+    found = finished(store, TRANSFER_EVAL, inputs, name, lambda one, world: of_transfer_eval(one, world, domains, episodes))
     transfer = found or transfer_eval(store, plan.id, recipe, domains, episodes, seed, command, on_progress=on_progress)
     yield Link(transfer, found is not None)

@@ -64,11 +64,11 @@ def compose(
         StoreError: the source cannot be read, or the store refuses.
     """
     spec = method_spec(method)
-    robots = robots_for(recipe, method, on, seed)
     store.check_writable(name or source_id.name)
     source = store.read(source_id)
     library = open_library(store, source)
     check_untouched(library, recipe, f"{', '.join(f'{section}.*' for section in METHODS)} and compose.*")
+    robots = robots_for(recipe, library.world, method, on, seed)
     started = time.perf_counter()
     by_hand = request.entries or ((),) * len(request.routes)
     problems = [
@@ -120,7 +120,7 @@ def compose(
             measured=ComposeMeasured(planning_seconds=planning_seconds).json(),
             parents=[source_id],
             model_sha256=library.world.fingerprint,
-            inputs_sha256=compose_inputs(source, recipe, request, method, seed, on),
+            inputs_sha256=compose_inputs(source, recipe, library.world, request, method, seed, on),
         )
     )
 

@@ -25,13 +25,13 @@ def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | N
     """
     source = store.read(source_id)
     library = open_library(store, source)
-    mean, std, recipe = library.mean, library.std, library.recipe
+    mean, std = library.mean, library.std
     skills = np.arange(len(mean))
     pairs = np.array(metrics.neighbours(library.goals), dtype=int).reshape(-1, 2)
     latent = np.concatenate([mean, mean[pairs].mean(axis=1)])
     target = np.concatenate([library.goals, library.goals[pairs].mean(axis=1)])
     latent_skill = np.concatenate([skills, np.full(len(pairs), -1)])
-    recording = rollout_held(recipe, library.agent, latent, target, latent_skill)[0]
+    recording = rollout_held(library.world, library.agent, latent, target, latent_skill)[0]
     distance = metrics.final_distance(recording)
     return store.write(
         Draft(

@@ -93,7 +93,7 @@ def pretrain(
     for goal in world.goals:
         world.check_goal(goal)
     store.check_writable(name)
-    inputs = pretrain_inputs(recipe, seed)
+    inputs = pretrain_inputs(recipe, world, seed)
     checkpoint = store.checkpoint_path(name, PRETRAIN.name, inputs)
     with stoppable() as stop:
         delay = "latency" in recipe.randomisation.ranges
@@ -114,9 +114,9 @@ def pretrain(
         save()  # judging and writing may still be interrupted, or find the disk full
         if stop.requested:
             raise _stopped("stopped after the training, before it was judged; the state is saved", command)
-    evaluation = evaluate(recipe, learner.agent, seed, threads)
-    randomised = evaluate_randomised(recipe, learner.agent, seed, threads)
-    artifact = store.write(_draft(recipe, seed, name, command, learner, evaluation, randomised, bare.rate, wall))
+    evaluation = evaluate(recipe, world, learner.agent, seed, threads)
+    randomised = evaluate_randomised(recipe, world, learner.agent, seed, threads)
+    artifact = store.write(_draft(recipe, world, seed, name, command, learner, evaluation, randomised, bare.rate, wall))
     remove_checkpoint(checkpoint)
     return artifact
 
@@ -183,7 +183,7 @@ def _stopped(message: str, command: str) -> Interrupted:
     return Interrupted(message, f"go on with: {resumed}")
 
 
-def evaluate(recipe: Recipe, agent: Agent, seed: int, threads: int = 0) -> Evaluation:
+def evaluate(recipe: Recipe, world: World, agent: Agent, seed: int, threads: int = 0) -> Evaluation:
     """Play the mean latent and sampled latents of every skill, deterministic, on the nominal robot."""
     samples = 1 + recipe.evaluation.latents
     mean, std = agent.embed()
@@ -193,8 +193,9 @@ def evaluate(recipe: Recipe, agent: Agent, seed: int, threads: int = 0) -> Evalu
     latent = mean[:, None] + std[:, None] * noise
     skill = np.repeat(np.arange(skills), samples)
     latent_skill = np.where(np.arange(skills * samples) % samples == 0, skill, -1)  # -1: not the mean of any skill
-    goals = World.of(recipe).goals
-    recording, observation = rollout_held(recipe, agent, latent.reshape(-1, mean.shape[1]), goals[skill], latent_skill, threads)
+    recording, observation = rollout_held(
+        world, agent, latent.reshape(-1, mean.shape[1]), world.goals[skill], latent_skill, threads
+    )
     window = np.arange(observation.shape[1] - agent.window, observation.shape[1]).clip(min=0)  # padded as in training
     kept = [k * samples + m for k in range(skills) for m in range(min(samples, 1 + recipe.evaluation.stored))]
     shape = (skills, samples)
@@ -207,7 +208,7 @@ def evaluate(recipe: Recipe, agent: Agent, seed: int, threads: int = 0) -> Evalu
     )
 
 
-def evaluate_randomised(recipe: Recipe, agent: Agent, seed: int, threads: int = 0) -> Randomised | None:
+def evaluate_randomised(recipe: Recipe, world: World, agent: Agent, seed: int, threads: int = 0) -> Randomised | None:
     """The mean latents where everything differs that differed in training, all at once; None where nothing did."""
     ranges = recipe.randomisation.ranges
     if not ranges:
@@ -215,7 +216,6 @@ def evaluate_randomised(recipe: Recipe, agent: Agent, seed: int, threads: int = 
     mean, _ = agent.embed()
     skill = np.tile(np.arange(len(mean)), 1 + recipe.evaluation.latents)
     rng = generator(seed, "evaluation on other robots")
-    world = World.of(recipe)
     drawn, recordings = sample(ranges, len(skill), rng, world.joints), []
     for first in range(0, len(skill), MAX_SIMULATIONS):
         part = slice(first, first + MAX_SIMULATIONS)
@@ -234,6 +234,7 @@ def evaluate_randomised(recipe: Recipe, agent: Agent, seed: int, threads: int = 
 
 def _draft(
     recipe: Recipe,
+    world: World,
     seed: int,
     name: str,
     command: str,
@@ -265,16 +266,18 @@ def _draft(
             "evaluation/inferred": evaluation.inferred,
             **{f"trajectories/{field}": array for field, array in evaluation.trajectories.arrays().items()},
         },
-        results=_results(recipe, learner, evaluation, randomised).json(),
+        results=_results(recipe, world, learner, evaluation, randomised).json(),
         measured=PretrainMeasured(
             wall_seconds=wall, peak_memory_mb=peak_memory_mb(), throughput=_throughput(learner, bare_rate, wall)
         ).json(),
-        model_sha256=World.of(recipe).fingerprint,
-        inputs_sha256=pretrain_inputs(recipe, seed),
+        model_sha256=world.fingerprint,
+        inputs_sha256=pretrain_inputs(recipe, world, seed),
     )
 
 
-def _results(recipe: Recipe, learner: Learner, evaluation: Evaluation, randomised: Randomised | None) -> PretrainResults:
+def _results(
+    recipe: Recipe, world: World, learner: Learner, evaluation: Evaluation, randomised: Randomised | None
+) -> PretrainResults:
     mean, std = learner.agent.embed()
     goals, drawn = learner.env.goals, evaluation.success[:, 1:]
     recognised = metrics.most_likely_skill(evaluation.inferred[:, 1:], mean, std) == np.arange(len(mean))[:, None]
@@ -296,8 +299,8 @@ def _results(recipe: Recipe, learner: Learner, evaluation: Evaluation, randomise
             efficiency=metrics.embedding_efficiency(mean, std),
         ),
         randomised=randomised,
-        observation=tuple(ObservedTerm(**term._asdict()) for term in World.of(recipe).observation_terms),
-        robot=_trained_robot(World.of(recipe)),
+        observation=tuple(ObservedTerm(**term._asdict()) for term in world.observation_terms),
+        robot=_trained_robot(world),
     )
 
 

@@ -19,12 +19,13 @@ from skillcli.evaluation.sampled_robots import SampledRobots
 from skillcli.evaluation.transfer_evaluator import NOMINAL, TargetRobots, TransferEvaluator
 from skillcli.learning.agent import Agent
 from skillcli.recipe import resolve
+from skillcli.robots.robot import Robot, load_robot
 from skillcli.simulation.domains import find_domain
 from skillcli.stages.compose import Request, compose, execute
-from skillcli.stages.pretrain import evaluate
+from skillcli.stages.pretrain import evaluate, pretrain
 from skillcli.stages.transfer_eval import transfer_eval
 from skillcli.store import STAGES, Artifact, ArtifactId, Store
-from skillcli.tasks.world import skill_goals
+from skillcli.tasks.world import World, skill_goals
 from skillcli.trajectories import Trajectories
 
 
@@ -88,7 +89,7 @@ def test_pretrain_reports_what_it_holds(chain: Path) -> None:
 def test_stored_skills_act_as_the_trained_ones_did(chain: Path) -> None:
     artifact = read(chain, "pretrain")
     library = open_library(Store(chain), artifact)
-    again = evaluate(library.recipe, library.agent, seed=0, threads=1)
+    again = evaluate(library.recipe, library.world, library.agent, seed=0, threads=1)
     np.testing.assert_array_equal(again.final_distance, artifact.arrays["evaluation/final_distance"])
     np.testing.assert_array_equal(again.inferred, artifact.arrays["evaluation/inferred"])
 
@@ -211,6 +212,19 @@ def test_a_request_completes_plane_goals_and_takes_the_recipes_where_nothing_is_
     assert Request.of(point, "", ()).task == "triangle"
 
 
+def test_a_training_reads_its_robot_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read_robots: list[str] = []
+
+    def load(which: str) -> Robot:
+        read_robots.append(which)
+        return load_robot(which)
+
+    monkeypatch.setattr("skillcli.tasks.world.load_robot", load)
+    few = {"training": {"iterations": 1, "simulations": 4}, "randomisation": {"gain": [0.9, 1.1]}, "evaluation": {"latents": 2}}
+    pretrain(Store(tmp_path), resolve({"name": "short", "task": {"name": "point", "horizon": 3}, **few}), 0, "short", "test")
+    assert read_robots == ["sawyer"]
+
+
 def test_a_window_longer_than_an_episode_is_padded_in_evaluation_as_in_training() -> None:
     recipe = resolve(
         {
@@ -221,7 +235,7 @@ def test_a_window_longer_than_an_episode_is_padded_in_evaluation_as_in_training(
         }
     )
     agent = Agent(recipe, 2, 2, skill_goals(recipe.task))
-    assert evaluate(recipe, agent, 0).inferred.shape == (4, 3, 2)
+    assert evaluate(recipe, World.of(recipe), agent, 0).inferred.shape == (4, 3, 2)
 
 
 def test_more_episodes_than_simulations_side_by_side_give_the_same_as_all_at_once(

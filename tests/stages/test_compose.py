@@ -19,7 +19,7 @@ from skillcli.recipe import Recipe, load_recipe, resolve
 from skillcli.robots.robot import Robot
 from skillcli.stages.compose import compose
 from skillcli.store import ArtifactId, Store
-from skillcli.tasks.world import skill_goals
+from skillcli.tasks.world import World, skill_goals
 
 REACH, PUSH = load_recipe("reach"), load_recipe("push")
 DDPG = [
@@ -73,13 +73,13 @@ def test_a_plan_by_hand_is_judged_by_what_it_holds_or_by_what_is_asked() -> None
 def test_what_a_composition_depends_on_is_its_method_its_settings_and_its_seed(chain: Path) -> None:
     source = Store(chain).read(ArtifactId("tiny", "embed-means", 1))
     recipe = resolve(source.recipe)
-    request = Request.of(recipe, "", [(0.6, 0.1, 0.25)])
-    same = compose_inputs(source, resolve(source.recipe, ["mpc.samples=99"]), request, "ddpg")
+    world, request = World.of(recipe), Request.of(recipe, "", [(0.6, 0.1, 0.25)])
+    same = compose_inputs(source, resolve(source.recipe, ["mpc.samples=99"]), world, request, "ddpg")
     found = {
-        compose_inputs(source, recipe, request, "ddpg"),
-        compose_inputs(source, recipe, request, "ddpg", seed=1),
-        compose_inputs(source, recipe, request, "ppo"),
-        compose_inputs(source, resolve(source.recipe, ["ddpg.noise=0.1"]), request, "ddpg"),
+        compose_inputs(source, recipe, world, request, "ddpg"),
+        compose_inputs(source, recipe, world, request, "ddpg", seed=1),
+        compose_inputs(source, recipe, world, request, "ppo"),
+        compose_inputs(source, resolve(source.recipe, ["ddpg.noise=0.1"]), world, request, "ddpg"),
     }
     assert len(found) == 4 and same in found
 

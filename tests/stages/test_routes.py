@@ -25,6 +25,7 @@ from skillcli.stages.pretrain import evaluate
 from skillcli.stages.visualise import draw, record
 from skillcli.store import STAGES, Artifact, ArtifactId, Store
 from skillcli.tasks.push.settings import PushTask
+from skillcli.tasks.world import World
 from skillcli.trajectories import Array, Trajectories
 from skillcli.viz import motion
 from skillcli.viz.loading import scene_of
@@ -65,7 +66,7 @@ def test_stored_push_skills_act_as_the_trained_ones_did(push_chain: Path) -> Non
     assert weights["value.body.0.weight"].shape[1] == 12 + 11 + 2 + 4, "the value function sees the whole simulation"
     assert weights["policy.body.0.weight"].shape[1] <= 12 + 2, "the policy does not"
     library = open_library(Store(push_chain), artifact)
-    again = evaluate(library.recipe, library.agent, seed=0, threads=1)
+    again = evaluate(library.recipe, library.world, library.agent, seed=0, threads=1)
     np.testing.assert_array_equal(again.final_distance, artifact.arrays["evaluation/final_distance"])
     for name, array in library.agent.arrays().items():
         np.testing.assert_array_equal(array, weights[name], err_msg=name)
@@ -118,7 +119,7 @@ def test_the_same_waypoints_on_other_routes_are_another_composition(push_chain: 
     source, push = read(push_chain, "embed-means"), load_recipe("push")
     a, b = np.array([[0.7, 0, 0]]), np.array([[0.6, 0.1, 0]])
     requests = [Request("", (np.concatenate([a, b]),)), Request("", (a, b)), Request("", (b, a))]
-    assert len({compose_inputs(source, push, request, "search") for request in requests}) == 3
+    assert len({compose_inputs(source, push, World.of(push), request, "search") for request in requests}) == 3
 
 
 # --- what is composed -------------------------------------------------------------------------------------------------

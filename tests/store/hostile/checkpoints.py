@@ -27,8 +27,10 @@ def place(root: Path, seed: int = 0) -> Path:
     from skillcli.evaluation.inputs import pretrain_inputs
     from skillcli.recipe import load_recipe
     from skillcli.store import Store
+    from skillcli.tasks.world import World
 
-    return Store(root).checkpoint_path(NAME, "pretrain", pretrain_inputs(load_recipe("point", KEYS), seed))
+    recipe = load_recipe("point", KEYS)
+    return Store(root).checkpoint_path(NAME, "pretrain", pretrain_inputs(recipe, World.of(recipe), seed))
 
 
 @lru_cache(maxsize=4)

@@ -33,9 +33,11 @@ def claims(seed: int, *keys: str) -> Callable[[Good], bytes]:
     def build(_: Good) -> bytes:
         from skillcli.evaluation.inputs import pretrain_inputs
         from skillcli.recipe import load_recipe
+        from skillcli.tasks.world import World
 
         copy = trained(seed, *keys)
-        copy.header["inputs_sha256"] = pretrain_inputs(load_recipe("point", KEYS), 0)
+        recipe = load_recipe("point", KEYS)
+        copy.header["inputs_sha256"] = pretrain_inputs(recipe, World.of(recipe), 0)
         return copy.file()
 
     return build
