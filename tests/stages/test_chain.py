@@ -220,8 +220,16 @@ def test_a_training_reads_its_robot_once(tmp_path: Path, monkeypatch: pytest.Mon
         return load_robot(which)
 
     monkeypatch.setattr("skillcli.tasks.world.load_robot", load)
-    few = {"training": {"iterations": 1, "simulations": 4}, "randomisation": {"gain": [0.9, 1.1]}, "evaluation": {"latents": 2}}
-    pretrain(Store(tmp_path), resolve({"name": "short", "task": {"name": "point", "horizon": 3}, **few}), 0, "short", "test")
+    recipe = resolve(
+        {
+            "name": "short",
+            "task": {"name": "point", "horizon": 3},
+            "training": {"iterations": 1, "simulations": 4},
+            "randomisation": {"dynamics": {"gain": {"uniform": [0.9, 1.1]}}},
+            "evaluation": {"latents": 2},
+        }
+    )
+    pretrain(Store(tmp_path), recipe, 0, "short", "test")
     assert read_robots == ["sawyer"]
 
 
