@@ -75,6 +75,9 @@ def means(artifact: Artifact) -> Group:
         table.add_row(skill.name, mean, std, _centimetres(skill.final_distance_m))
     shown = ["–" if number is None else f"{number:.3f}" for number in (found.efficiency, found.latent_goal_correlation)]
     caption = f"embedding efficiency {shown[0]} (lower is better separated), latent against goal distances r = {shown[1]}"
+    if found.map:
+        ends = f"median {_centimetres(found.map.median_m)}, 95 % within {_centimetres(found.map.p95_m)}"
+        caption += f"\nmap: {found.map.places} places between the goals, one held latent each, end off by {ends}"
     return Group(_title(artifact), table, caption, *_between(found.halfway))
 
 

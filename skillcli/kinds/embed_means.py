@@ -10,7 +10,7 @@ import numpy as np
 
 from skillcli.kinds.arrays import EMBEDDING, TRAJECTORIES
 from skillcli.kinds.pretrain import PRETRAIN
-from skillcli.kinds.record import Measured, Point, Record
+from skillcli.kinds.record import Measured, Point, Record, unsaid
 from skillcli.kinds.spec import Array, Arrays, Field, KindSpec, Results, Sizes, counted, index
 
 
@@ -37,6 +37,18 @@ class Halfway(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class MapQuality(Record):
+    """Places between the goals, each by the one latent that the map gives for it, held: how far from them it ends."""
+
+    places: int
+    median_m: float
+    p90_m: float
+    p95_m: float
+    max_m: float
+    latent_end_correlation: float | None  # of distances between the latents and between where they end
+
+
+@dataclass(frozen=True, kw_only=True)
 class EmbedMeansResults(Record):
     """What the mean latents are worth; None where it is undefined."""
 
@@ -45,6 +57,7 @@ class EmbedMeansResults(Record):
     latent_goal_correlation: float | None
     efficiency: float | None
     inference_accuracy: float
+    map: MapQuality | None = unsaid(None)  # of skills that were trained with mixtures
 
 
 def _check(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Sizes) -> Iterator[str]:
@@ -53,6 +66,8 @@ def _check(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Sizes
     yield from counted("results.halfway", results["halfway"], pairs)
     if sizes["trajectories: episode"] != sizes["skill"] + pairs:
         yield f"{sizes['trajectories: episode']} episodes are not one for each of {sizes['skill']} skills and {pairs} pairs"
+    if len(arrays.get("map/place", ())) != results.get("map", {}).get("places", 0):
+        yield "results.map does not count the places of map/place"
     for skill in results["skills"]:
         yield from counted("a mean in the results", skill["mean"], sizes["latent"])
         yield from counted("a std in the results", skill["std"], sizes["latent"])
@@ -71,6 +86,9 @@ EMBED_MEANS = KindSpec(
         "embedding/latent_distance": Field("skill,skill"),
         "embedding/goal_distance": Field("skill,skill", "m"),
         "halfway/pair": Field("pair,member", values=index("skill")),
+        "map/place": Field("place,xyz", "m", required=False),
+        "map/latent": Field("place,latent", required=False),
+        "map/end": Field("place,xyz", "m", required=False),
         **EMBEDDING,
         **TRAJECTORIES,
     },

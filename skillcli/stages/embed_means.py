@@ -1,4 +1,4 @@
-"""The mean latent of each skill, how well the skills are separated, what each mean does, and the mean of two."""
+"""The mean latent of each skill, how well skills are separated, what means do, and means of two; what the map is worth."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import numpy as np
 from skillcli import metrics
 from skillcli.evaluation.held import rollout_held
 from skillcli.evaluation.inputs import embed_means_inputs
+from skillcli.evaluation.latent_map import judge_map
 from skillcli.evaluation.library import open_library
 from skillcli.kinds import EMBED_MEANS, PRETRAIN
 from skillcli.kinds.embed_means import EmbedMeansResults, Halfway, MeanSkill
@@ -18,7 +19,8 @@ from skillcli.trajectories import Array, Trajectories
 def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | None = None) -> Artifact:
     """Play the mean latent of each skill of a pretrain artifact, and the mean of neighbouring ones; write embed-means.
 
-    Neighbours are those with no other skill's goal between them. The first K trajectories are those of the skills.
+    Neighbours are those with no other skill's goal between them. The first K trajectories are those of the skills. Where
+    mixtures of skills were trained, places between the goals are judged too.
 
     Raises:
         StoreError: the source cannot be read, or the store refuses.
@@ -33,6 +35,7 @@ def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | N
     latent_skill = np.concatenate([skills, np.full(len(pairs), -1)])
     recording = rollout_held(library.world, library.agent, latent, target, latent_skill)[0]
     distance = metrics.final_distance(recording)
+    judged = judge_map(library, source.seed) if library.recipe.mixtures.share else None
     return store.write(
         Draft(
             kind=EMBED_MEANS.name,
@@ -48,6 +51,7 @@ def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | N
                 "embedding/goal_distance": metrics.pairwise_distance(library.goals),
                 "skills/goal": library.goals,
                 "halfway/pair": pairs,
+                **(judged.arrays() if judged else {}),
                 **{f"trajectories/{field}": array for field, array in recording.arrays().items()},
             },
             results=EmbedMeansResults(
@@ -64,6 +68,7 @@ def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | N
                 latent_goal_correlation=metrics.distance_correlation(mean, library.goals),
                 efficiency=metrics.embedding_efficiency(mean, std),
                 inference_accuracy=PRETRAIN.results_of(source).embedding.inference_accuracy,
+                map=judged.quality if judged else None,
             ).json(),
             measured={},
             parents=[source_id],

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -95,21 +96,23 @@ def draw(scene: Scene) -> Figure:
 
 @FIGURES.register(PRETRAIN, EMBED_MEANS)
 def _learned(figure: Figure, scene: Scene) -> None:
-    """Draw skills: paths, places in the latent space, accuracy, and learning curves."""
-    curves = subplots_time.curve_subplots(scene)[:3]
-    figure.set_size_inches(10.5, 6.0 if curves else 4.2)
+    """Draw skills: paths, places in the latent space, accuracy, and learning curves or what the map is worth."""
+    below = subplots_time.curve_subplots(scene)[:3]
+    if len(scene.map_places):
+        below = [partial(subplots_space.map_ends, plane=plane) for plane in subplots_space.planes(scene)]
+    figure.set_size_inches(10.5, 6.0 if below else 4.2)
     maps, right = _columns(figure, scene)
     for axes, plane in _maps(figure, maps, scene):
         subplots_space.paths(axes, scene, plane)
         subplots_space.goals(axes, scene, plane)
-    rows = right.subgridspec(2 if curves else 1, 6)
+    rows = right.subgridspec(2 if below else 1, 6)
     planes = subplots_space.latent_planes(scene)
     upper = _split(figure, rows, 0, len(planes) + 1)
     for axes, plane in zip(upper, planes, strict=False):
         subplots_space.latents(axes, scene, plane)
     subplots_time.distances(upper[-1], scene)
-    if curves:
-        for axes, panel in zip(_split(figure, rows, 1, len(curves)), curves, strict=True):
+    if below:
+        for axes, panel in zip(_split(figure, rows, 1, len(below)), below, strict=True):
             panel(axes, scene)
     _head(figure, scene)
     _skill_legend(figure, scene, range(len(scene.skills)))

@@ -57,6 +57,9 @@ class Scene:
     curves: Mapping[str, Array]  # learning curves by name, (iterations,) each; may be empty
     episode_labels: tuple[str, ...]  # (E,) such as "skill 1", "skill 1, latent 3", "nominal 0", "mild 4"
     intervals: Mapping[str, tuple[float, float, float]]  # per domain: success rate, and the ends of its interval
+    # Skills trained with mixtures only:
+    map_places: Array = field(default_factory=lambda: np.zeros((0, 3)))  # (P, 3) m, between the goals
+    map_ends: Array = field(default_factory=lambda: np.zeros((0, 3)))  # (P, 3) m, where the map's latents for them end
     # A transfer only:
     source: Trajectories | None = None  # (R episodes) what was sent, as recorded in the simulation
     episode_source: Array = field(
