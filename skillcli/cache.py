@@ -1,4 +1,4 @@
-"""Where small lists are kept on this account, between commands."""
+"""The user's cache folder, for small lists kept between commands."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from pathlib import Path
 
 
 def user_cache() -> Path:
-    """The folder of the user's cache, which may not be there yet.
+    """Return the user's cache folder, which may not exist yet.
 
     Raises:
-        RuntimeError: there is no home at all.
+        RuntimeError: there is no home folder.
     """
     cache_home = Path(os.environ.get("XDG_CACHE_HOME", ""))
     return (cache_home if cache_home.is_absolute() else Path("~/.cache").expanduser()) / "skill"

@@ -1,11 +1,11 @@
-"""Errors a user can act on.
+"""Errors that a user can act on.
 
-The library raises them; `skillcli.cli` alone turns them into a line, a hint and an exit code.
+The library raises them; only `skillcli.cli` turns them into a line, a hint and an exit code.
 """
 
 
 class SkillError(Exception):
-    """Something failed that the user can understand and act on.
+    """A failure that the user can understand and act on.
 
     Args:
         message: one line: what was expected, what was got.
@@ -21,7 +21,7 @@ class SkillError(Exception):
 
 
 class UsageError(SkillError):
-    """A command, a recipe or a value that cannot be meant as given."""
+    """An invalid command, recipe or value."""
 
     exit_code = 2
 
@@ -31,7 +31,7 @@ class StoreError(SkillError):
 
 
 class UnknownArtifact(StoreError):
-    """No artifact, or more than one, answers to the id that was given."""
+    """The given id matches no artifact, or more than one."""
 
 
 class Interrupted(SkillError):

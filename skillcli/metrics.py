@@ -1,4 +1,4 @@
-"""What the reported figures mean, as pure functions over numpy arrays."""
+"""Definitions of the reported numbers, as pure functions over numpy arrays."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from skillcli.trajectories import Array, Trajectories
 
 
 def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[float, float]:
-    """Wilson's score interval of a success rate (Wilson 1927), 95 % by default; (0, 1) without trials."""
+    """Compute Wilson's score interval of a success rate (Wilson 1927), 95 % by default; (0, 1) without trials."""
     if trials == 0:
         return 0.0, 1.0
     rate = successes / trials
@@ -23,11 +23,11 @@ def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[f
 def difference_interval(
     rate_a: float, interval_a: tuple[float, float], rate_b: float, interval_b: tuple[float, float]
 ) -> tuple[float, float]:
-    """Newcombe's hybrid score interval of a difference of independent rates, a - b (Newcombe 1998, method 10).
+    """Compute Newcombe's hybrid score interval of a difference of independent rates, a - b (Newcombe 1998, method 10).
 
     Args:
         rate_a: measured.
-        interval_a: Wilson's; a rate that is known exactly has an interval without width.
+        interval_a: Wilson's; of an exact rate, an interval without width.
         rate_b: measured.
         interval_b: Wilson's.
     """
@@ -37,7 +37,7 @@ def difference_interval(
 
 
 def final_distance(trajectories: Trajectories) -> Array:
-    """Distance of the judged point to the target at the end of each episode, (E,) m."""
+    """Compute the distance of the achieved goal to the target at the end of each episode, (E,) m."""
     episodes = np.arange(trajectories.episodes)
     end = trajectories.achieved_goal[episodes, trajectories.length]
     distance: Array = np.linalg.norm(end - trajectories.target, axis=1)
@@ -45,19 +45,19 @@ def final_distance(trajectories: Trajectories) -> Array:
 
 
 def distance_summary(distance: Array) -> dict[str, float]:
-    """Mean, median, quartiles, 10th and 90th percentile of distances (E,), m."""
+    """Compute mean, median, quartiles, 10th and 90th percentile of distances (E,), m."""
     quantiles = {"p10": 0.1, "p25": 0.25, "median": 0.5, "p75": 0.75, "p90": 0.9}
     return {"mean": float(distance.mean()), **{name: float(np.quantile(distance, q)) for name, q in quantiles.items()}}
 
 
 def pairwise_distance(points: Array) -> Array:
-    """Euclidean distances between all rows, (K, d) to (K, K)."""
+    """Compute Euclidean distances between all rows, (K, d) to (K, K)."""
     distance: Array = np.linalg.norm(points[:, None] - points[None], axis=-1)
     return distance
 
 
 def neighbours(points: Array) -> list[tuple[int, int]]:
-    """Pairs (a, b), a < b, of points with no other point in or on the ball that they span (Gabriel and Sokal 1969).
+    """List pairs (a, b), a < b, of points with no other point in or on the ball between them (Gabriel and Sokal 1969).
 
     Of the corners of a box these are its edges, of four places around a centre the four sides and not the diagonals.
     """
@@ -72,13 +72,13 @@ def neighbours(points: Array) -> list[tuple[int, int]]:
 
 
 def angle_deg(a: Array, b: Array) -> float | None:
-    """Angle between two vectors, degrees; None where one of them is zero."""
+    """Compute the angle between two vectors, degrees; None if one of them is zero."""
     lengths = float(np.linalg.norm(a) * np.linalg.norm(b))
     return float(np.degrees(np.arccos(np.clip(a @ b / lengths, -1.0, 1.0)))) if lengths > 0 else None
 
 
 def distance_correlation(latents: Array, goals: Array) -> float | None:
-    """Pearson r of the pairwise distances between latents and between goals; None where it is undefined."""
+    """Compute Pearson's r of the pairwise distances between latents and between goals; None if it is undefined."""
     upper = np.triu_indices(len(latents), 1)
     a, b = pairwise_distance(latents)[upper], pairwise_distance(goals)[upper]
     if len(a) < 2 or np.ptp(a) < 1e-12 or np.ptp(b) < 1e-12:
@@ -87,9 +87,9 @@ def distance_correlation(latents: Array, goals: Array) -> float | None:
 
 
 def embedding_efficiency(mean: Array, std: Array) -> float | None:
-    """Summed volume of the one-sigma ellipsoids over the volume of the means' convex hull; lower is better separated.
+    """Divide the summed volume of the one-sigma ellipsoids by the volume of the means' convex hull; lower is better separated.
 
-    None where the hull has no volume: fewer than d + 1 skills, or means in one plane.
+    None if the hull has no volume: fewer than d + 1 skills, or means in one plane.
     """
     skills, size = mean.shape
     if skills <= size:
@@ -109,7 +109,7 @@ def embedding_efficiency(mean: Array, std: Array) -> float | None:
 
 
 def most_likely_skill(latent: Array, mean: Array, std: Array) -> Array:
-    """The skill whose p(z|t) gives each latent the highest density: (..., d), (K, d), (K, d) to (...,) index."""
+    """Return the skill with the highest density p(z|t) at each latent: (..., d), (K, d), (K, d) to (...,) index."""
     standard = (latent[..., None, :] - mean) / std
     log_density = -0.5 * np.square(standard).sum(-1) - np.log(std).sum(-1)
     skill: Array = log_density.argmax(-1)
@@ -117,17 +117,17 @@ def most_likely_skill(latent: Array, mean: Array, std: Array) -> Array:
 
 
 def next_waypoint(index: Array | int, place: Array, waypoints: Array, tolerance: float, keep_last: bool = False) -> Array:
-    """When a waypoint is met, on a path that goes on: the index of the next one, once a place has been looked at.
+    """Return the index of the next waypoint after a further place of a path.
 
     A waypoint is met within the tolerance, in its turn; one place may meet several. `ordered_approach` is the same rule for a
-    path that is over: it is within the tolerance everywhere exactly where this one meets every waypoint.
+    finished path: it is within the tolerance everywhere exactly if this rule meets every waypoint.
 
     Args:
         index: (...,) of the next waypoint so far.
         place: (..., 3) m.
         waypoints: (W, 3) m.
         tolerance: m.
-        keep_last: the last one stays the next, for who asks more of it than to be near: slow, or near on all robots.
+        keep_last: keep the last one as the next, for a stricter rule: low speed, or all robots near.
 
     Returns:
         (...,) indices; W where every waypoint is met.
@@ -143,19 +143,19 @@ def next_waypoint(index: Array | int, place: Array, waypoints: Array, tolerance:
 
 
 def ordered_approach(path: Array, waypoints: Array, tolerance: float) -> Array:
-    """How close a path comes to waypoints that have to be met one after the other, (W,) m; see `ordered_moments`."""
+    """Return the distances at which a path passes waypoints in order, (W,) m; see `ordered_moments`."""
     return ordered_moments(path, waypoints, tolerance)[1]
 
 
-MISSED = 1e6  # m, more than any sum of distances: meeting one waypoint more always counts first
+MISSED = 1e6  # m, more than any sum of distances: meeting one more waypoint always counts first
 
 
 def ordered_moments(path: Array, waypoints: Array, tolerance: float) -> tuple[Array, Array]:
-    """When a path comes closest to waypoints that have to be met one after the other, and how close.
+    """Find when a path is closest to waypoints that must be met in order, and how close.
 
-    Each waypoint gets one moment, the moments in the order of the waypoints (dynamic programming over time): as many
-    as possible within the tolerance, and then the sum of distances as small as possible. All are within the tolerance
-    exactly when the path meets them in order.
+    Each waypoint gets one moment, the moments in the order of the waypoints (dynamic programming over time): as many as
+    possible within the tolerance, and then the smallest sum of distances. All are within the tolerance exactly if the path
+    meets them in order.
 
     Args:
         path: (T, 3) m.
@@ -166,7 +166,7 @@ def ordered_moments(path: Array, waypoints: Array, tolerance: float) -> tuple[Ar
         Rows of the path (W,), and distances there (W,) m.
     """
     distance = np.linalg.norm(path[None] - waypoints[:, None], axis=-1)  # (W, T)
-    smallest: Array = np.zeros(len(path))  # sum of distances up to here, with every waypoint so far served
+    smallest: Array = np.zeros(len(path))  # sum of distances up to here, with a moment for every waypoint so far
     moments = []
     for row in distance:
         total = smallest + row + np.where(row > tolerance, MISSED, 0.0)
@@ -178,14 +178,14 @@ def ordered_moments(path: Array, waypoints: Array, tolerance: float) -> tuple[Ar
     return chosen, distance[np.arange(len(waypoints)), chosen]
 
 
-RETREAT = 0.01  # of the way between two goals: a motion that falls back by less counts as monotone
+RETREAT = 0.01  # of the way between two goals: a motion that goes back by less counts as monotone
 
 
 def interpolation_calibration(end: Array, goal_a: Array, goal_b: Array, share: Array) -> dict[str, float | bool]:
-    """How faithfully latents (1-λ) z_a + λ z_b, held, lead to the same fraction of the way between two goals.
+    """Measure how closely latents (1-λ) z_a + λ z_b, held, lead to the fraction λ of the way between two goals.
 
-    f is the end projected on the line from goal a (0) to goal b (1). The error at one λ is |f - λ|: along the line alone;
-    the distance from the line is `off_line_m`.
+    f is the end projected on the line from goal a (0) to goal b (1). The error at one λ is |f - λ|, along the line alone; the
+    distance from the line is `off_line_m`.
 
     Args:
         end: (S, 3) m, where the motion ends.
@@ -194,8 +194,8 @@ def interpolation_calibration(end: Array, goal_a: Array, goal_b: Array, share: A
         share: (S,) λ, increasing, from 0 to 1.
 
     Returns:
-        error: mean |f - λ|; error_at_half: |f - λ| at λ = ½, between the nearest two where ½ is not among them;
-        monotone: f never falls by more than `RETREAT` from one λ to the next; off_line_m: mean distance from the line, m.
+        error: mean |f - λ|; error_at_half: |f - λ| at λ = ½, interpolated if ½ is not among them; monotone: f never falls by
+        more than `RETREAT` from one λ to the next; off_line_m: mean distance from the line, m.
     """
     way = goal_b - goal_a
     fraction = (end - goal_a) @ way / (way @ way)

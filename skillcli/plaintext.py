@@ -1,4 +1,4 @@
-"""Text from files and from the system, made safe to look at: nothing in it moves a cursor, turns the line or hides."""
+"""Make texts from files and from the system safe to print: nothing moves a cursor, reverses the line or hides."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _KEPT = "\n\t\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}\N{EN SPACE}\N{THIN SPAC
 
 
 def visible(text: str) -> str:
-    """The text with whatever cannot be seen written out: escapes, other control characters, reversals, lone surrogates.
+    """Write out invisible characters: escapes, other control characters, reversals, lone surrogates.
 
     Line breaks and tabs stay.
     """
@@ -20,17 +20,17 @@ def visible(text: str) -> str:
 
 
 def line(text: str) -> str:
-    """The same in one line."""
+    """Make the text safe, in one line."""
     return visible(" ".join(text.split()))
 
 
 def markdown(text: str) -> str:
-    """The same in one line that Markdown takes for plain text."""
+    """Make the text safe, in one line that Markdown shows as plain text."""
     return line(text).translate(_MARKDOWN)
 
 
 def code(text: str) -> str:
-    """The same in one line that Markdown takes for code, whatever backticks are in it."""
+    """Make the text safe, in one line that Markdown shows as code, whatever backticks are in it."""
     shown = line(text)
     fence = "`" * (1 + max(map(len, _FENCES.findall(shown)), default=0))
     return f"{fence} {shown} {fence}"

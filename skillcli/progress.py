@@ -1,4 +1,4 @@
-"""What long work tells while it runs."""
+"""Progress of long work."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a stage stands."""
+    """The progress of a stage."""
 
     stage: str
     done: int  # units of work
     total: int
-    unit: str  # what is counted, "iterations" say
+    unit: str  # what is counted, for example "iterations"
     rate: float = 0.0  # control steps per second
     success: Mapping[str, float] = field(default_factory=dict)  # by skill or domain
     note: str = ""
-    physics_share: float | None = None  # rate of collecting over that of the bare engine so far
+    physics_share: float | None = None  # sampling rate over that of the bare engine so far
     scalars: Mapping[str, float] = field(default_factory=dict)  # this point of the learning curves
 
 
@@ -25,4 +25,4 @@ OnProgress = Callable[[Progress], None]
 
 
 def silent(_: Progress) -> None:
-    """Tell nobody."""
+    """Ignore progress."""

@@ -1,7 +1,7 @@
 """Recipes: everything that determines a run, as frozen, bounded, described values.
 
-A recipe is a TOML file. It may start from another one (`extends = "reach"`) and single values can be replaced on the
-command line (`--set training.iterations=20`). What results is validated here, once, and stored with every artifact.
+A recipe is a TOML file. It may extend another one (`extends = "reach"`), and the command line can replace single values
+(`--set training.iterations=20`). The result is validated here, once, and stored with every artifact.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ from skillcli.tasks.spec import TaskSpec
 
 
 class Evaluation(Section):
-    """How skills are judged, always with deterministic actions on the nominal robot."""
+    """Settings of the evaluation of skills, always with deterministic actions on the nominal robot."""
 
     latents: int = value(100, "latents drawn from p(z|t) per skill", "", ge=1, le=10_000)
     stored: int = value(8, "of these, how many episodes per skill are kept as trajectories", "", ge=0, le=1000)
 
 
 class Compose(Section):
-    """What a composition is asked for when the command line does not say, and the robots that a plan has to hold on."""
+    """Default request of a composition, and the robots that a plan must work on."""
 
     task: str = value("", "a named composition task, empty for none", "")
     goals: tuple[tuple[float, ...], ...] = value((), "goals in order, as --goal takes them, where no named task is given", "m")
@@ -51,7 +51,7 @@ class Compose(Section):
 
 
 class Transfer(Section):
-    """How a composition is judged on other robots."""
+    """Settings of the evaluation of a composition on other robots."""
 
     domains: tuple[str, ...] = value(("nominal", "mild", "real-like"), "target domains", "", min_length=1)
     episodes: int = value(50, "episodes per domain", "", ge=1, le=10_000)
@@ -65,7 +65,7 @@ DEEPEST = 8  # names in a key of --set; no recipe has so many
 
 
 class _SkillsRecipe(Section):
-    """What the skills of an experiment come of."""
+    """The part of a recipe that determines the skills."""
 
     name: str = value(..., "the recipe's name", "")
     description: str = value("", "what this recipe is for, in one line", "")
@@ -88,7 +88,7 @@ class _SkillsRecipe(Section):
 
 if TYPE_CHECKING:
     _PlannedRecipe = _SkillsRecipe
-else:  # a section for each method that there is
+else:  # one section for each method
     _PlannedRecipe = create_model(
         "_PlannedRecipe",
         __base__=_SkillsRecipe,
@@ -110,29 +110,29 @@ class Recipe(_PlannedRecipe):
         return self
 
     def settings_of(self, method: str) -> MethodSettings:
-        """The section of a method."""
+        """Return the section of a method."""
         settings: MethodSettings = getattr(self, method)
         return settings
 
     def fingerprint(self, sections: Iterable[str] = ()) -> str:
-        """SHA-256 over the resolved values, of the named sections only where some are named."""
+        """Hash the resolved values with SHA-256, of the named sections or of all."""
         content = self.model_dump(mode="json", include=set(sections) or None)
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def recipe_folder() -> Path:
-    """Where the shipped recipes lie: inside an installed package, beside it in a checkout."""
+    """Return the folder of the bundled recipes: inside an installed package, beside it in a checkout."""
     inside = Path(__file__).parent / "recipes"
     return inside if inside.is_dir() else Path(__file__).parent.parent / "recipes"
 
 
 def recipe_names() -> list[str]:
-    """Names of the shipped recipes, sorted."""
+    """List the names of the bundled recipes, sorted."""
     return sorted(path.stem for path in recipe_folder().glob("*.toml"))
 
 
 def load_recipe(name: str, overrides: Iterable[str] = (), robot: str | None = None) -> Recipe:
-    """Read a shipped recipe by name, or any TOML file by path, and apply `key=value` overrides.
+    """Read a bundled recipe by name, or any TOML file by path, and apply `key=value` overrides.
 
     Args:
         name: of a recipe, or a path.
@@ -152,12 +152,12 @@ def resolve(content: Mapping[str, Any], overrides: Iterable[str] = (), by_hand: 
     """Validate a recipe's content after applying `a.b=value` overrides.
 
     Args:
-        content: of a recipe file, or as an artifact keeps it.
+        content: of a recipe file, or as an artifact stores it.
         overrides: such as `training.iterations=20`.
-        by_hand: whether a person gave the recipe: its Python file of a task may run, though it never ran here before.
+        by_hand: whether the user gave the recipe: then its task's Python file may run for the first time.
 
     Raises:
-        UsageError: a key that does not exist or a value that is out of bounds.
+        UsageError: a key does not exist, or a value is out of bounds.
     """
     merged: dict[str, Any] = copy.deepcopy(dict(content))
     for override in overrides:
@@ -170,10 +170,10 @@ def resolve(content: Mapping[str, Any], overrides: Iterable[str] = (), by_hand: 
 
 
 def _settings_of(content: dict[str, Any], by_hand: bool) -> type[TaskSettings]:
-    """The section that describes the task of a recipe; fills in what the robot says of where it starts."""
+    """Return the type of the section `task`; fill in what depends on the robot, such as the start."""
     given = content.get("task")
     if not isinstance(given, Mapping):
-        return TaskSettings  # the validation says what is wrong
+        return TaskSettings  # the validation reports the error
     robot = content.get("robot", DEFAULT_ROBOT)
     if "module" in given:
         given = content["task"] = _from_module(given, by_hand)
@@ -192,7 +192,7 @@ def _settings_of(content: dict[str, Any], by_hand: bool) -> type[TaskSettings]:
 
 
 def _placed(spec: TaskSpec, given: Mapping[str, Any], robot: str) -> dict[str, Any]:
-    """What the robot adds to the section `task` where a recipe leaves it open: a start, and where the goals lie."""
+    """Fill in the keys of the section `task` that depend on the robot: the start, and the place of the goals."""
     open_keys = [key for key in spec.placed if not given.get(key)]
     if spec.place is not None and robot != DEFAULT_ROBOT and open_keys:
         from skillcli.robots.robot import load_robot  # compiles a model: slow to import
@@ -202,9 +202,9 @@ def _placed(spec: TaskSpec, given: Mapping[str, Any], robot: str) -> dict[str, A
 
 
 def _from_module(task: Mapping[str, Any], by_hand: bool) -> dict[str, Any]:
-    """The section `task`, with the task of its Python file registered, and its name and hash filled in.
+    """Register the task of a Python file, and return the section `task` with its name and hash.
 
-    A recipe that a person gives runs the file. One out of an artifact runs it only where the same file ran here before.
+    A recipe from the user runs the file. A recipe from an artifact runs it only if the same file ran here before.
     """
     path, stored = task["module"], task.get("source_sha256", "")
     if not isinstance(path, str) or not path:
@@ -224,7 +224,7 @@ def _from_module(task: Mapping[str, Any], by_hand: bool) -> dict[str, Any]:
 
 
 def _check_start(robot: str, start: Any) -> None:
-    """Refuse a start with another number of angles than a bundled robot has joints; others are checked with their model."""
+    """Refuse a start whose length is not the joint count of a bundled robot; other robots are checked with their model."""
     if robot in bundled_robots() and isinstance(start, list | tuple):
         wanted = len(describe_robot(robot).joints)
         if len(start) != wanted:
@@ -236,14 +236,14 @@ def _check_start(robot: str, start: Any) -> None:
 
 @cache
 def _recipe_for(settings: type[TaskSettings]) -> type[Recipe]:
-    """A recipe whose section `task` is that of one task."""
+    """Make the type of a recipe for one task."""
     field = value(..., "what the skills are for", "")
     kind: type[Recipe] = create_model("Recipe", __base__=Recipe, __module__=__name__, task=(settings, field))
     return kind
 
 
 def describe(recipe: Recipe) -> list[tuple[str, Any, str, str]]:
-    """Every value of a recipe as (key, value, unit, description), in reading order."""
+    """List every value of a recipe as (key, value, unit, description), in reading order."""
     rows: list[tuple[str, Any, str, str]] = []
     for key, field in type(recipe).model_fields.items():
         item = getattr(recipe, key)
@@ -274,7 +274,7 @@ def _read(name: str, seen: tuple[str, ...]) -> dict[str, Any]:
         content = read_toml(path)
     except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
         known = ", ".join(recipe_names())
-        raise UsageError(f"no recipe {name!r}", f"shipped recipes: {known}; or give the path of a .toml file") from None
+        raise UsageError(f"no recipe {name!r}", f"recipes: {known}; or give the path of a .toml file") from None
     except (OSError, ValueError) as error:
         raise UsageError(f"recipe {name!r} cannot be read: {error}", "a recipe is a TOML file") from error
     _beside(content, path.parent)
@@ -288,7 +288,7 @@ def _read(name: str, seen: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _beside(content: dict[str, Any], folder: Path) -> None:
-    """Let files that a recipe names lie beside it."""
+    """Resolve files that a recipe names relative to its own folder."""
     robot, given = content.get("robot"), content.get("task")
     if isinstance(robot, str) and is_path(robot):
         content["robot"] = str(folder / robot)
@@ -325,7 +325,7 @@ def _override(text: str) -> dict[str, Any]:
 
 
 def _explained(error: ValidationError, kind: type[Recipe]) -> tuple[str, str]:
-    """One line and a hint, for the first complaint."""
+    """Return one line and a hint for the first error."""
     found = complaint(error, kind)
     if found.kind == "unknown":
         return f"unknown recipe key {found.key!r}", f"keys here: {', '.join(sorted(found.known))}"

@@ -1,6 +1,6 @@
-"""One seed, many independent generators.
+"""One seed, many independent random generators.
 
-Each use of chance has a name and its own generator, so that drawing more for one never shifts another.
+Each use has a name and its own generator, so that drawing more for one never changes another.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
 
 def generator(seed: int, use: str) -> np.random.Generator:
-    """The numpy generator of a seed for one named use, such as "rollout"."""
+    """Make the numpy generator of a seed for one named use, such as "rollout"."""
     return np.random.Generator(np.random.PCG64(_sequence(seed, use)))
 
 
 def torch_generator(seed: int, use: str) -> torch.Generator:
-    """The torch generator of a seed for one named use, such as "networks"."""
-    import torch  # heavy, and only training needs it
+    """Make the torch generator of a seed for one named use, such as "networks"."""
+    import torch  # slow to import, and only training needs it
 
     state = int(_sequence(seed, use).generate_state(1, np.uint64)[0] >> np.uint64(1))
     return torch.Generator().manual_seed(state)

@@ -1,4 +1,4 @@
-"""How work is asked to stop: by Ctrl-C, by a scheduler, or by a terminal that goes away."""
+"""Requests to stop: by Ctrl-C, by a scheduler, or by a terminal that closes."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from types import FrameType
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, *((signal.SIGHUP,) if hasattr(signal, "SIGHUP") else ()))
 ECHO_SECONDS = 5.0
-"""A session that ends sends SIGHUP twice, or SIGTERM along with it, within moments: that is one request."""
+"""A closing session sends SIGHUP twice, or SIGTERM along with it, within moments: that is one request."""
 
 
 def heeded() -> list[signal.Signals]:
-    """Those of the signals that were not ignored when this process began: `nohup` means what it says."""
+    """Return the signals that were not ignored when this process began, so that `nohup` works."""
     return [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
 
 
 class StopRequest:
-    """Whether the work is asked to stop: once at the next safe point, twice at once."""
+    """A request to stop: the first at the next safe point, the second at once."""
 
     def __init__(self) -> None:
         self.requested = False
@@ -36,7 +36,7 @@ class StopRequest:
 
 @contextmanager
 def answered(answer: signal._HANDLER) -> Iterator[None]:
-    """Let `answer` take the signals inside the block; outside the main thread, where they do not arrive, nothing changes."""
+    """Let `answer` take the signals inside the block; outside the main thread, which gets no signals, do nothing."""
     with ExitStack() as stack:
         try:
             for number in heeded():

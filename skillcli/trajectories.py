@@ -1,7 +1,7 @@
-"""The one format in which motion is kept: `E` episodes of at most `T` control steps, on one clock.
+"""The one format of recorded motion: `E` episodes of at most `T` control steps, on one clock.
 
-Every stage writes it and every figure reads it, so that neither needs special cases. Row 0 along the time axis is the
-state after reset; row `length[e]` is the last state of episode `e`, and rows behind it repeat that state.
+Every stage writes it and every figure reads it. Row 0 along the time axis is the state after reset; row `length[e]` is the
+last state of episode `e`, and later rows repeat that state.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
-# What may be broken, by column of `violations` and `violated`; where there is no box, there are no columns about one.
+# Safety limits, by column of `violations` and `violated`; without a box there are no columns of its limits.
 SAFETY_LIMITS = ("joint_range", "joint_speed", "table_clearance", "box_pressed", "box_tipped")
 
 
@@ -24,41 +24,41 @@ SAFETY_LIMITS = ("joint_range", "joint_speed", "table_clearance", "box_pressed",
 class Trajectories:
     """Recorded episodes; a quantity that the task does not have is None.
 
-    Positions are in the frame of the robot's base. The judged point of an episode is the box in the plane of the table where
-    there is one, else the gripper, else the point itself; a task that judges another point records `judged_position`.
+    Positions are in the frame of the robot's base. The achieved goal of an episode is the box in the plane of the table if
+    there is one, else the gripper, else the point itself; a task with another one records it as `judged_position`.
     """
 
     time: Array  # (T+1,) s
     latent: Array  # (E, T, d)
-    skill: Array  # (E, T) index of the skill whose mean was fed, -1 for any other latent
+    skill: Array  # (E, T) index of the skill whose mean the latent is, -1 for any other latent
     action: Array  # (E, T, a) how far each step moved the commanded targets, after all clipping: rad, m for the point
-    reward: Array  # (E, T) the task's own reward
-    target: Array  # (E, 3) m, where the judged point should end
+    reward: Array  # (E, T) the reward of the task
+    target: Array  # (E, 3) m, the desired goal
     success: Array  # (E,) bool
     length: Array  # (E,) control steps
     joint_position: Array | None = None  # (E, T+1, 7) rad
-    gripper_position: Array | None = None  # (E, T+1, 3) m, the site the task is judged at
+    gripper_position: Array | None = None  # (E, T+1, 3) m, the gripper site
     object_pose: Array | None = None  # (E, T+1, 7) m, quaternion w x y z
     position: Array | None = None  # (E, T+1, 2) m, the point task
-    judged_position: Array | None = None  # (E, T+1, 3) m, only where it is not the point that is said above
-    unstable: Array | None = None  # (E,) bool: the simulation came apart, and the last state kept is the one before
-    gave_up: Array | None = None  # (E,) bool: planned again until the time was over, and was not near as far as was seen
-    violations: Array | None = None  # (E, L) control steps that ended beyond each of the first L `SAFETY_LIMITS`
-    violated: Array | None = None  # (E, T, L) bool: which of them each control step ended beyond; None: none, or an older file
+    judged_position: Array | None = None  # (E, T+1, 3) m, the achieved goal, only if it is not the point named above
+    unstable: Array | None = None  # (E,) bool: the simulation diverged; the last recorded state is the one before
+    gave_up: Array | None = None  # (E,) bool: replanned until time was up, and not near the goal as far as sensors showed
+    violations: Array | None = None  # (E, L) control steps whose end violates each of the first L `SAFETY_LIMITS`
+    violated: Array | None = None  # (E, T, L) bool: the same for every control step; None: no limits, or an older file
 
     @property
     def episodes(self) -> int:
-        """How many episodes there are, E."""
+        """Return the number of episodes, E."""
         return int(self.length.shape[0])
 
     @cached_property
     def achieved_goal(self) -> Array:
-        """Path of the judged point, (E, T+1, 3) m; box and point are judged in the plane z = 0."""
+        """Return the path of the achieved goal, (E, T+1, 3) m; box and point are in the plane z = 0."""
         return self.usual_achieved_goal if self.judged_position is None else self.judged_position
 
     @property
     def usual_achieved_goal(self) -> Array:
-        """Path of the point that is judged where nothing else is said, (E, T+1, 3) m."""
+        """Return the path of the default achieved goal, (E, T+1, 3) m."""
         if self.object_pose is None and self.gripper_position is not None:
             return self.gripper_position
         plane = self.position if self.object_pose is None else self.object_pose[..., :2]
@@ -68,24 +68,24 @@ class Trajectories:
 
     @property
     def stable(self) -> Array:
-        """Which episodes did not come apart, (E,) bool."""
+        """Return which episodes are stable, (E,) bool."""
         return np.ones(self.episodes, dtype=bool) if self.unstable is None else ~self.unstable
 
     @property
     def given_up(self) -> Array:
-        """Which episodes gave up, (E,) bool."""
+        """Return which episodes gave up, (E,) bool."""
         return np.zeros(self.episodes, dtype=bool) if self.gave_up is None else self.gave_up
 
     @property
     def violation_steps(self) -> dict[str, Array]:
-        """Control steps that ended beyond each limit, (E,) by its name; empty where the task has none."""
+        """Count the control steps that violate each limit, (E,) by name; empty if the task has no limits."""
         if self.violations is None:
             return {}
         return dict(zip(SAFETY_LIMITS[: self.violations.shape[1]], self.violations.T, strict=True))
 
     @property
     def first_violations(self) -> list[dict[str, int]]:
-        """The first control step of each episode that ended beyond a limit, from 0, by the limit's name."""
+        """Return the first control step of each episode that violates a limit, from 0, by the limit's name."""
         if self.violated is None:
             return [{} for _ in range(self.episodes)]
         first = np.where(self.violated.any(axis=1), self.violated.argmax(axis=1), -1)  # (E, L)
@@ -95,22 +95,22 @@ class Trajectories:
 
     @property
     def within_limits(self) -> Array:
-        """Which episodes break no safety limit, (E,) bool."""
+        """Return which episodes violate no safety limit, (E,) bool."""
         if self.violations is None:
             return np.ones(self.episodes, dtype=bool)
         return np.asarray(~self.violations.any(axis=1))
 
     def arrays(self) -> dict[str, Array]:
-        """The fields that are present, by name, as the store keeps them."""
+        """Return the present fields by name, as the store keeps them."""
         return {f.name: value for f in fields(self) if (value := getattr(self, f.name)) is not None}
 
     def with_success(self, success: Array) -> Trajectories:
-        """The same recording with another judgement of success, (E,) bool."""
+        """Replace the success of the episodes, (E,) bool."""
         return replace(self, success=success)
 
     @staticmethod
     def join(parts: Sequence[Trajectories]) -> Trajectories:
-        """Recordings with the same control period, one behind the other; shorter ones rest in their last state."""
+        """Join recordings with the same control period; shorter ones repeat their last state."""
         longest = max(parts, key=lambda part: len(part.time))
         filled = _alike(parts)
         padded = [part.padded(len(longest.time) - 1) for part in filled]
@@ -119,7 +119,7 @@ class Trajectories:
         return Trajectories(time=longest.time, **joined)
 
     def padded(self, steps: int) -> Trajectories:
-        """The same episodes on a clock of this many control steps; what is added repeats, and does nothing."""
+        """Extend the episodes to a clock of this many control steps; added rows repeat the last state with zero actions."""
         missing = steps - (len(self.time) - 1)
         if missing == 0:
             return self
@@ -135,12 +135,12 @@ class Trajectories:
         return replace(self, time=time, **longer)
 
     def select(self, episodes: Array | list[int] | slice) -> Trajectories:
-        """The same recording with only these episodes."""
+        """Select episodes."""
         chosen = {name: value if name == "time" else value[episodes] for name, value in self.arrays().items()}
         return Trajectories(**chosen)
 
 
-_DONE = ("action", "reward", "violated")  # what a step does: nothing, once an episode is over
+_DONE = ("action", "reward", "violated")  # per-step fields: zero once an episode is over
 _PER_STEP = (
     *_DONE,
     "latent",
@@ -154,7 +154,7 @@ _PER_STEP = (
 
 
 def _alike(parts: Sequence[Trajectories]) -> list[Trajectories]:
-    """The same recordings, all with the fields that some leave out because they would say nothing new."""
+    """Add fields that only some of the recordings have, with their default values."""
     if any(part.judged_position is not None for part in parts):
         parts = [replace(part, judged_position=part.achieved_goal) for part in parts]
     if any(part.unstable is not None for part in parts):
@@ -167,7 +167,7 @@ def _alike(parts: Sequence[Trajectories]) -> list[Trajectories]:
 
 
 def _none_violated(part: Trajectories) -> Array | None:
-    """That no control step ended beyond a limit, (E, T, L) bool; None where the task has none."""
+    """Return that no control step violates a limit, (E, T, L) bool; None if the task has no limits."""
     if part.violations is None:
         return None
     return np.zeros((*part.skill.shape, part.violations.shape[1]), dtype=bool)

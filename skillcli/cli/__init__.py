@@ -1,1 +1,1 @@
-"""The command line: parses, calls one stage, prints. The only place that prints or exits."""
+"""The command line: parses, calls one stage, prints. Only this package prints or exits."""

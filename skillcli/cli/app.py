@@ -1,4 +1,4 @@
-"""`skill`: the entry point, the options before the command, and how failures end."""
+"""The `skill` app: commands, global options, and the report of failures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from skillcli.stopping import ECHO_SECONDS, answered
 
 app = typer.Typer(
     name="skill",
-    help="Learn robot skills in a latent space, compose them into new tasks, and judge them on other robots.",
+    help="Learn robot skills in a latent space, compose them into new tasks, and evaluate them on other robots.",
     no_args_is_help=True,
     rich_markup_mode="rich",
     add_completion=True,
@@ -46,11 +46,11 @@ def options(
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of a failure.")] = False,
     version: Annotated[bool, typer.Option("--version", help="Print the version.", callback=_version, is_eager=True)] = False,
 ) -> None:
-    """Options that hold for every command."""
+    """Options of every command."""
     try:
         Path.cwd()
-    except FileNotFoundError:  # libraries end the process over it
-        raise SkillError("the folder that this was started in is gone", "cd to one that is there") from None
+    except FileNotFoundError:  # libraries would end the process
+        raise SkillError("the current folder no longer exists", "cd to an existing folder") from None
     source = context.get_parameter_source("store")
     named = source is not None and source.name in ("COMMANDLINE", "ENVIRONMENT")
     context.obj = Session(store, named, as_json, quiet, debug)
@@ -71,7 +71,7 @@ def main() -> None:
     try:
         with answered(interrupt):
             code = app(args=[*ours, *rest], standalone_mode=False)
-        if code == 130:  # typer's own way of saying that Ctrl-C was pressed
+        if code == 130:  # how typer reports Ctrl-C
             raise KeyboardInterrupt
         sys.exit(code if isinstance(code, int) else 0)
     except SkillError as error:
@@ -82,23 +82,23 @@ def main() -> None:
     except (KeyboardInterrupt, typer.Abort):
         _fail(*INTERRUPTED)
     except Exception as error:
-        if interrupt.pressed:  # extension modules make an error of their own of Ctrl-C while they load
+        if interrupt.pressed:  # extension modules turn Ctrl-C into an error of their own while they load
             _fail(*INTERRUPTED)
-        _fail(type(error).__name__, *trouble.told(error), 1)
+        _fail(type(error).__name__, *trouble.explain(error), 1)
 
 
 INTERRUPTED = ("Interrupted", "interrupted", "finished stages are in the store; a training goes on with --resume", 130)
 
 
 class Interrupt:
-    """A signal as an exception, remembered: not everything that it passes through leaves it as it is."""
+    """Raises an exception for a signal and remembers it: other code may replace the exception."""
 
     def __init__(self) -> None:
         self.pressed = False
         self._since = 0.0
 
     def __call__(self, number: int, __: FrameType | None) -> None:
-        """Take a signal; the echo of one would only disturb the tidying up."""
+        """Take a signal; repeated ones would only disturb the cleanup."""
         if self.pressed and number != signal.SIGINT and time.monotonic() - self._since < ECHO_SECONDS:
             return
         self.pressed, self._since = True, time.monotonic()

@@ -1,4 +1,4 @@
-"""Two artifacts side by side: only what differs."""
+"""Compare two artifacts and show only the differences."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 
 from skillcli.store import Artifact
 
-Pairs = dict[str, tuple[Any, Any]]  # by key, what the two have; None where one has nothing
+Pairs = dict[str, tuple[Any, Any]]  # by key, the two values; None if one is missing
 
 
 def differences(a: Artifact, b: Artifact) -> dict[str, Pairs]:
-    """What differs in origin, recipe, packages, results and arrays, by part and key."""
+    """Return the differences in origin, recipe, packages, results and arrays, by part and key."""
     return {
         "origin": _differing(_origin(a), _origin(b)),
         "recipe": _differing(dict(_flat(a.recipe)), dict(_flat(b.recipe))),
@@ -35,7 +35,7 @@ def _differing(a: Mapping[str, Any], b: Mapping[str, Any]) -> Pairs:
 
 
 def _flat(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Leaves of nested JSON by dotted path; entries of a list that have a name go by it."""
+    """Yield the leaves of nested JSON by dotted path; list entries with a name are identified by it."""
     if isinstance(value, Mapping):
         for key, item in value.items():
             yield from _flat(item, f"{path}.{key}" if path else key)
@@ -48,7 +48,7 @@ def _flat(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _arrays(a: Mapping[str, Any], b: Mapping[str, Any]) -> Pairs:
-    """Arrays that are not equal: their types and shapes, and where those agree, how far apart they are."""
+    """Return the arrays that differ: types and shapes, or if these agree, the size of the difference."""
     found: Pairs = {}
     for path in sorted({*a, *b}):
         left, right = a.get(path), b.get(path)

@@ -1,4 +1,4 @@
-"""What the shell offers where an id is asked for. Looks at names only, and loads nothing that takes time."""
+"""Shell completion of ids. It reads file names only and imports nothing slow."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import typer
 
 
 def ids(context: typer.Context, incomplete: str) -> list[str]:
-    """Ids that begin with what was typed; names alone as long as no slash was typed."""
+    """Return the ids that begin with the text; without a slash in it, names alone."""
     found = sorted(_stored(_root(context)))
     if "/" not in incomplete:
         names = list(dict.fromkeys(one.split("/")[0] for one in found if one.startswith(incomplete)))

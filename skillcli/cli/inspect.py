@@ -49,7 +49,7 @@ def viz(
     from skillcli.viz.files import FORMATS
 
     if output is not None and output.suffix.lower().removeprefix(".") in FORMATS:
-        raise UsageError(f"{output} would be a recording, its name says picture", f"for a figure: --png {output}")
+        raise UsageError(f"{output} has the suffix of a figure, but -o writes a recording", f"for a figure: --png {output}")
     found = session.pick(source)
     from skillcli.stages.visualise import record
     from skillcli.viz import viewer
@@ -69,7 +69,7 @@ def viz(
 
 
 def _serve(process: Popen[bytes]) -> None:
-    """Wait for the end of a server; Ctrl-C is how a person ends it."""
+    """Wait for the end of a server; the user stops it with Ctrl-C."""
     try:
         process.wait()
     except KeyboardInterrupt:
@@ -79,7 +79,7 @@ def _serve(process: Popen[bytes]) -> None:
 
 @recipes_app.callback()
 def recipes(context: typer.Context) -> None:
-    """List the recipes that come with skill."""
+    """List the bundled recipes."""
     if context.invoked_subcommand:
         return
     from rich.table import Table
@@ -139,7 +139,7 @@ def tasks(context: typer.Context) -> None:
 def domains(
     context: typer.Context,
     which: Annotated[
-        str | None, typer.Argument(metavar="[NAME|FILE]", help="One of them, or a .toml file of your own; all by default.")
+        str | None, typer.Argument(metavar="[NAME|FILE]", help="One domain, or a .toml file of your own; all by default.")
     ] = None,
 ) -> None:
     """List the target domains, or show what one of them changes, with units and meaning."""
@@ -198,7 +198,7 @@ def _domain_sheet(domain: Domain) -> Group:
 
 
 def doctor(context: typer.Context) -> None:
-    """Check that everything skill needs is here and works."""
+    """Check that everything skill needs is installed and works."""
     from rich.table import Table
     from rich.text import Text
 
@@ -214,8 +214,8 @@ def doctor(context: typer.Context) -> None:
         bad = ", ".join(what for what, _, fine in checks if not fine)
         payload["error"] = {
             "type": "Unhealthy",
-            "message": f"not in order: {bad}",
-            "hint": "`make install` puts packages right",
+            "message": f"not working: {bad}",
+            "hint": "reinstall the packages with `make install`",
         }
     session.result(payload, table)
     if not healthy:

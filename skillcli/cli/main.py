@@ -1,4 +1,4 @@
-"""Where the process begins: before anything slow is loaded, signals are answered and the surroundings are put right."""
+"""Start of the process: handle signals and prepare the environment before anything slow is imported."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from types import FrameType
 from skillcli.cli import streams
 from skillcli.stopping import heeded
 
-NARROWEST = 20  # characters, below which a terminal's size is not to be believed
+NARROWEST = 20  # characters; smaller terminal sizes are ignored
 
 
 def main() -> None:
@@ -33,9 +33,9 @@ def main() -> None:
 
 
 def set_aside() -> None:
-    """Take out of the environment what others read there and stumble over.
+    """Remove environment variables on which other libraries fail.
 
-    Nothing here draws with OpenGL, whose drivers MuJoCo would load; a terminal that is told to have no columns shows nothing.
+    OpenGL is switched off, because MuJoCo would load its drivers; a terminal width of zero would hide all output.
     """
     os.environ["MUJOCO_GL"] = "disable"
     for name, least in (("COLUMNS", NARROWEST), ("LINES", 3), ("TERMINAL_WIDTH", NARROWEST)):
@@ -45,7 +45,7 @@ def set_aside() -> None:
 
 
 def _leave(_: int, __: FrameType | None) -> None:
-    """End at once: nothing was begun, and an exception in the middle of an import ends in a traceback or is swallowed."""
+    """Exit at once: no work has begun, and an exception during an import ends in a traceback or is lost."""
     if "--json" in sys.argv:
         error = '{"error": {"type": "Interrupted", "message": "interrupted", "hint": "nothing was begun"}}\n'
         os.write(1, error.encode())
@@ -54,4 +54,4 @@ def _leave(_: int, __: FrameType | None) -> None:
 
 
 def _late(_: int, __: FrameType | None) -> None:
-    """What `run` comes back to: the outcome is told, only the end is left."""
+    """Ignore a signal after `run`: the result has been reported."""

@@ -1,4 +1,4 @@
-"""`skill compose --method NAME`: a command whose options are those of the method."""
+"""`skill compose --method NAME`: a command whose options depend on the method."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from skillcli.composition.registry import DEFAULT, METHODS, all_specs, method_sp
 from skillcli.errors import UsageError
 
 PANEL = "Options of the method"
-SHARED = {"ensemble", "on", "seed"}  # options that several methods take, in the signature of the command
-CHOSEN = "skill.method"  # where the context keeps the name of the method, None in the help of all
-OWN = "skill.own_options"  # and what was given for the options that are its own, by name
+SHARED = {"ensemble", "on", "seed"}  # options of several methods, in the signature of the command
+CHOSEN = "skill.method"  # key in the context for the name of the method, None in the general help
+OWN = "skill.own_options"  # key for the values of the method's own options, by name
 
 
 class ByMethod(TyperCommand):
     """A command whose options depend on the value of --method."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """See click; refuses options that belong to another method."""
+        """See click; refuse options of another method."""
         named = _named(args)
         ctx.meta[CHOSEN] = method = named if named is not None or "--help" in args else DEFAULT
         if method is not None:
@@ -33,7 +33,7 @@ class ByMethod(TyperCommand):
         return rest
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """See click: those of every method, and those of the chosen one."""
+        """See click: return the options of every method and of the chosen one."""
         method = ctx.meta.get(CHOSEN)
         if method is None:
             return [param for param in super().get_params(ctx) if param.name not in SHARED]
@@ -43,7 +43,7 @@ class ByMethod(TyperCommand):
         return [*(param for param in params if param.name not in SHARED), *own_params(method), *shared]
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
-        """See click; says which methods there are, or what the chosen one is."""
+        """See click; list the methods, or describe the chosen one."""
         method, before = ctx.meta.get(CHOSEN), self.help
         if method is None:
             listed = "\n\n".join(f"[bold]{name}[/]: {entry.about}" for name, entry in METHODS.items())
@@ -58,7 +58,7 @@ class ByMethod(TyperCommand):
 
 
 def own_params(method: str) -> list[Any]:
-    """The options of a method that are its own, as click has them."""
+    """Make the method's own options for click."""
 
     def declared(**_: Any) -> None: ...
 
@@ -77,7 +77,7 @@ def own_params(method: str) -> list[Any]:
 
 
 def refuse_strays(method: str, args: Sequence[str]) -> None:
-    """Refuse an unknown method, and options that belong to others.
+    """Refuse an unknown method, and options of other methods.
 
     Raises:
         UsageError: there is one.
@@ -96,7 +96,7 @@ def refuse_strays(method: str, args: Sequence[str]) -> None:
 
 
 def _named(args: Sequence[str]) -> str | None:
-    """The value of --method, None where it is not given."""
+    """Return the value of --method, None if it is not given."""
     for word, after in zip(args, [*args[1:], None], strict=False):  # no words, no pairs
         if word == "--method":
             return after
@@ -106,5 +106,5 @@ def _named(args: Sequence[str]) -> str | None:
 
 
 def option(text: str, **more: Any) -> Any:
-    """An option that belongs to some methods only."""
+    """Make an option that only some methods have."""
     return typer.Option(help=text, rich_help_panel=PANEL, show_default=False, **more)

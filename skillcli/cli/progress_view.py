@@ -1,4 +1,4 @@
-"""How long work looks while it runs: one line, a panel that fits its terminal, or scalars for TensorBoard."""
+"""Show progress: as lines, as a live panel in the terminal, or as scalars for TensorBoard."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING
 
 from skillcli.errors import SkillError
 
-if TYPE_CHECKING:  # imported where needed: `skill --help` must be instant
+if TYPE_CHECKING:  # imported only if needed: `skill --help` must be instant
     from rich.console import Console, RenderableType
     from rich.text import Text
 
     from skillcli.progress import OnProgress, Progress
 
-PLAIN_SECONDS = 10.0  # between progress lines where there is no terminal
+PLAIN_SECONDS = 10.0  # between progress lines without a terminal
 WHOLE_BAR, BAR = 40, 6  # characters of the bar of the whole work, and of a skill's
 NAME = 12  # characters of a skill's name
 
 
 @contextmanager
 def live(console: Console) -> Iterator[OnProgress]:
-    """A panel that is redrawn in place, and gone in the end."""
+    """Show a panel that is redrawn in place and removed at the end."""
     from rich.live import Live
 
     clock = Clock()
@@ -32,7 +32,7 @@ def live(console: Console) -> Iterator[OnProgress]:
 
 
 def plain(console: Console) -> OnProgress:
-    """A line now and then, for pipes and files."""
+    """Print a line every few seconds, for pipes and files."""
     clock, last = Clock(), time.monotonic()
 
     def on_progress(progress: Progress) -> None:
@@ -47,18 +47,18 @@ def plain(console: Console) -> OnProgress:
 
 
 class Clock:
-    """Estimates the time left of each stage from its own beginning, which a resumed one has behind it.
+    """Estimates the time left of a stage; a resumed stage does not count its earlier part.
 
-    Between two units of work the estimate counts down, at most to where the unit should have ended: it does not rise only
-    because a unit takes its time.
+    Between two units of work the estimate counts down, at most to the expected end of the unit. So it does not rise only
+    because a unit takes long.
     """
 
     def __init__(self) -> None:
         self._stage, self._began, self._first = "", 0.0, 0
-        self._done, self._moved = 0, 0.0  # units of work when they last grew, and when that was
+        self._done, self._moved = 0, 0.0  # units of work at the last change, and its time
 
     def left(self, progress: Progress) -> str:
-        """Minutes and seconds left, "?" as long as nothing can be said."""
+        """Return minutes and seconds left, "?" while unknown."""
         now = time.monotonic()
         if progress.stage != self._stage:
             self._stage, self._began, self._first = progress.stage, now, progress.done
@@ -74,24 +74,24 @@ class Clock:
 
 
 def standing(progress: Progress, left: str) -> list[str]:
-    """How far it is, and how long it will take."""
+    """Describe how much is done, and the time left."""
     return [f"{progress.stage} {progress.done}/{progress.total} {progress.unit}", f"{left} left"]
 
 
 def speed(progress: Progress) -> list[str]:
-    """How fast, and what share that is of the engine alone; nothing where it was not measured."""
+    """Describe the speed and its share of the bare engine; nothing if it was not measured."""
     rate = [f"{progress.rate:,.0f} steps/s"] if progress.rate else []
     return rate + ([f"{progress.physics_share:.0%} of raw physics"] if progress.physics_share is not None else [])
 
 
 def overall(progress: Progress) -> list[str]:
-    """Success over all skills, and what the stage adds."""
+    """Describe the success over all skills, and the stage's note."""
     mean = [f"success {sum(progress.success.values()) / len(progress.success):.0%}"] if progress.success else []
     return mean + ([progress.note] if progress.note else [])
 
 
 def panel(progress: Progress, left: str) -> RenderableType:
-    """Progress as a bar, with the success of each skill as a small bar below, in as many columns as there is room for."""
+    """Show progress as a bar, with the success of each skill as a small bar below, in as many columns as fit."""
     from rich.columns import Columns
     from rich.console import Group
     from rich.text import Text
@@ -104,7 +104,7 @@ def panel(progress: Progress, left: str) -> RenderableType:
 
 
 def skill_bar(name: str, share: float, width: int) -> Text:
-    """A name in `width` characters, a bar and a number: readable without colours."""
+    """Show a name in `width` characters, a bar and a number, readable without colours."""
     from rich.text import Text
 
     style = "green" if share >= 0.95 else "yellow" if share >= 0.5 else "red"
@@ -124,7 +124,7 @@ def _bar(share: float, width: int, style: str) -> Text:
 def tensorboard(folder: Path, on_progress: OnProgress) -> Iterator[OnProgress]:
     """Also write every point of the learning curves below `folder`, over control steps.
 
-    A training that goes on writes a file of its own beside the first; its steps go on too.
+    A resumed training writes a second file beside the first, and its steps continue.
 
     Raises:
         SkillError: the package is not installed, or the folder cannot be written.

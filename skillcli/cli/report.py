@@ -25,7 +25,7 @@ def report(
         list[str] | None,
         typer.Argument(
             metavar="[ID]...",
-            help="Ids, NAME/STAGE or unique beginnings; without any, the newest of every name and kind.",
+            help="Ids, NAME/STAGE or unique prefixes; by default the newest of every name and kind.",
             autocompletion=complete.ids,
         ),
     ] = None,

@@ -1,4 +1,4 @@
-"""Commands about arms: list them, show one, make a robot file for a new one."""
+"""Commands about robots: list them, show one, make a robot file for a new one."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def register(app: typer.Typer) -> None:
 
 @robots_app.callback()
 def robots(context: typer.Context) -> None:
-    """List the robots that come with skill."""
+    """List the bundled robots."""
     if context.invoked_subcommand:
         return
     from rich.table import Table
@@ -45,10 +45,10 @@ def robots(context: typer.Context) -> None:
 @robots_app.command("show")
 def show(
     context: typer.Context,
-    which: Annotated[str, typer.Argument(metavar="NAME|FILE", help="A name of `skill robots`, or a robot file.")],
+    which: Annotated[str, typer.Argument(metavar="NAME|FILE", help="A robot's name, see `skill robots`, or a robot file.")],
     png: Annotated[Path | None, typer.Option("--png", help="Draw the arm at its start, with its workspace.")] = None,
 ) -> None:
-    """Print an arm's joints, limits, servos and workspace, and what was found on loading it."""
+    """Print an arm's joints, limits, servos and workspace, and the notes of loading it."""
     from skillcli.robots.robot import load_robot
 
     session: Session = context.obj
@@ -59,7 +59,7 @@ def show(
 
 
 def _draw(robot: Robot, which: str, png: Path) -> None:
-    """The arm where the reach task starts, with the goals of that task; at home where the task has no room."""
+    """Draw the arm at the start of the reach task with its goals; at home if the task has no room."""
     import numpy as np
 
     from skillcli.recipe import resolve
@@ -98,7 +98,7 @@ def _payload(robot: Robot) -> dict[str, Any]:
 
 
 def _servos(robot: Robot) -> list[dict[str, float | None]]:
-    """Stiffness N·m/rad, damping N·m·s/rad and largest torque N·m of each joint; None: unlimited."""
+    """List stiffness N·m/rad, damping N·m·s/rad and largest torque N·m of each joint; None: unlimited."""
     rows = []
     for name in robot.names.servos:
         i = robot.model.actuator(name).id

@@ -1,4 +1,4 @@
-"""What every command shares: the store, how to print, and how progress is shown."""
+"""The context of every command: the store, output, and progress."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from skillcli.cli import typed
 from skillcli.errors import StoreError
 from skillcli.plaintext import line
 
-if TYPE_CHECKING:  # imported where needed: `skill --help` must be instant
+if TYPE_CHECKING:  # imported only if needed: `skill --help` must be instant
     from rich.console import Console, RenderableType
 
     from skillcli.progress import OnProgress
@@ -23,27 +23,27 @@ if TYPE_CHECKING:  # imported where needed: `skill --help` must be instant
 
 @dataclass(frozen=True)
 class Session:
-    """The options for every command."""
+    """The global options."""
 
     root: Path
-    named: bool = False  # whether somebody asked for this store
+    named: bool = False  # whether the user named this store
     json: bool = False
     quiet: bool = False
     debug: bool = False
 
     @property
     def store(self) -> Store:
-        """The artifact store."""
+        """Return the artifact store."""
         from skillcli.store import Store
 
         return Store(self.root)
 
     @property
     def filled(self) -> Store:
-        """The store, for a command that only looks: one that was asked for must be there, the usual one may come later.
+        """Return the store for a command that only reads; one that the user named must exist, the default may be missing.
 
         Raises:
-            StoreError: it is not there.
+            StoreError: it does not exist.
         """
         if not self.root.is_dir():
             message = f"there is no store {self.root}" + (": it is not a folder" if self.root.exists() else "")
@@ -54,48 +54,48 @@ class Session:
 
     @property
     def out(self) -> Console:
-        """Results, on stdout."""
+        """Return the console for results, on stdout."""
         from skillcli.cli import terminal
 
         return terminal.out()
 
     @property
     def err(self) -> Console:
-        """Messages, on stderr."""
+        """Return the console for messages, on stderr."""
         from skillcli.cli import terminal
 
         return terminal.err(self.quiet)
 
     @property
     def command(self) -> str:
-        """The command as typed, without the options that only concern printing and places."""
+        """Return the command as typed, without the options that only concern output and paths."""
         return typed.recorded()
 
     def say(self, message: str, style: str = "") -> None:
-        """A message for a person, in one line on stderr."""
+        """Print a message in one line on stderr."""
         if not self.json:
             self.err.print(line(typed.runnable(message)), style=style, soft_wrap=True)
 
     def result(self, payload: dict[str, Any], *shown: RenderableType) -> None:
-        """What a command found out: one JSON object, or what is shown to a person."""
+        """Print the result: one JSON object, or its readable form."""
         if self.json:
             print(json.dumps(finite(payload)))
             return
         from rich.text import Text
 
-        for item in shown:  # paths and commands are there to be copied: no line is broken in them
+        for item in shown:  # paths and commands must be easy to copy: their lines are not broken
             self.out.print(item, soft_wrap=isinstance(item, str | Text))
 
     def pick(self, text: str | None, *kinds: str) -> ArtifactId:
-        """Resolve an id; where none is given, take the newest fitting artifact and say which."""
+        """Resolve an id; without one, take the newest fitting artifact and name it."""
         found = self.store.resolve(text, kinds)
         if not text:
-            self.say(f"taking {found}, the newest that fits")
+            self.say(f"using {found}, the newest that fits")
         return found
 
     @contextmanager
     def progress(self) -> Iterator[OnProgress]:
-        """Show progress on stderr: live on a terminal, a line now and then elsewhere, nothing when quiet."""
+        """Show progress on stderr: live on a terminal, lines elsewhere, nothing when quiet."""
         if self.quiet:
             yield lambda _: None
             return
@@ -110,7 +110,7 @@ class Session:
 
 
 def finite(item: Any) -> Any:
-    """The same with plain types, and null for NaN and infinities: strict JSON."""
+    """Convert to plain types, with null for NaN and infinities, for strict JSON."""
     if isinstance(item, dict):
         return {str(key): finite(value) for key, value in item.items()}
     if isinstance(item, list | tuple):

@@ -25,7 +25,7 @@ Set = Annotated[
 ]
 Name = Annotated[str | None, typer.Option("--name", help="First part of the new id.", metavar="NAME")]
 Seed = Annotated[int, typer.Option("--seed", help="Seed of everything random.", min=0, max=2**63 - 1)]
-MADE_FROM = "Id, NAME/STAGE or a unique beginning; without one, the newest that fits."
+MADE_FROM = "Id, NAME/STAGE or a unique prefix; by default the newest that fits."
 
 
 def register(app: typer.Typer) -> None:
@@ -40,7 +40,7 @@ def register(app: typer.Typer) -> None:
 
 
 def payload(artifact: Artifact) -> dict[str, Any]:
-    """What a stage reports under --json: id and everything it found out."""
+    """Return the JSON result of a stage: id and results."""
     return {
         "id": str(artifact.id),
         "recipe": artifact.recipe_name,
@@ -60,9 +60,9 @@ def pretrain(
         typer.Option("--robot", help="Train on this arm: a name of `skill robots`, or a robot file.", metavar="NAME|FILE"),
     ] = None,
     overrides: Set = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on where the same training was interrupted.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue the same training after an interruption.")] = False,
     threads: Annotated[
-        int, typer.Option("--threads", help="Of the physics, 0 for all cores; results do not depend on it.", min=0, max=1024)
+        int, typer.Option("--threads", help="Threads of the physics, 0 for all cores; same results.", min=0, max=1024)
     ] = 0,
     tensorboard: Annotated[
         Path | None, typer.Option("--tensorboard", help="Also write the learning curves there for TensorBoard.", metavar="DIR")
@@ -80,7 +80,7 @@ def pretrain(
     folder = checked(name) or resolved.name
     inputs = pretrain_inputs(resolved, World.of(resolved), seed) if resume else ""
     if resume and not session.store.checkpoint_path(folder, PRETRAIN.name, inputs).exists():
-        session.say("nothing was interrupted with this recipe, seed and name: starting anew")
+        session.say("there is no interrupted training with this recipe, seed and name: starting a new one")
     with ExitStack() as opened:
         on_progress = opened.enter_context(session.progress())
         if tensorboard:
@@ -94,7 +94,7 @@ def embed_means(
     source: Annotated[str | None, typer.Argument(metavar="[ID]", help=MADE_FROM, autocompletion=complete.ids)] = None,
     name: Name = None,
 ) -> None:
-    """Take the mean latent of each skill, measure how well they are separated, and play each one."""
+    """Compute the mean latent of each skill, measure how well the skills are separated, and run each mean."""
     session: Session = context.obj
     from skillcli.kinds import EMBED_MEANS
 
@@ -109,23 +109,21 @@ def embed_means(
 def compose(
     context: typer.Context,
     source: Annotated[str | None, typer.Argument(metavar="[ID]", help=MADE_FROM, autocompletion=complete.ids)] = None,
-    method: Annotated[str, typer.Option("--method", help=f"How: {', '.join(METHODS)}.", metavar="NAME")] = DEFAULT,
+    method: Annotated[str, typer.Option("--method", help=f"Method: {', '.join(METHODS)}.", metavar="NAME")] = DEFAULT,
     task: Annotated[str, typer.Option("--task", help="A named composition, see `skill tasks`.", metavar="NAME")] = "",
     goal: Annotated[
         list[str] | None,
-        typer.Option(
-            "--goal", help="Where to go, m (push: displacement of the box); several are met in order.", metavar="X,Y[,Z]"
-        ),
+        typer.Option("--goal", help="Goal, m (push: displacement of the box); several are met in order.", metavar="X,Y[,Z]"),
     ] = None,
     name: Name = None,
     overrides: Set = None,
     seed: Annotated[int, option("Seed of everything random, 0 by default.", min=0, max=2**63 - 1)] = 0,
     ensemble: Annotated[
-        int | None, option("Robots that every latent is tried on at once; a plan has to hold on all.", min=0, metavar="N")
+        int | None, option("Robots that try every latent at once; a plan must work on all.", min=0, metavar="N")
     ] = None,
     on: Annotated[str, option("Plan on one robot drawn from this domain, see `skill domains`.", metavar="DOMAIN")] = "",
 ) -> None:
-    """Compose frozen skills in the latent space into a task never trained (stage 2)."""
+    """Compose frozen skills in the latent space into a task that was never trained (stage 2)."""
     session: Session = context.obj
     goals = [_numbers(text) for text in goal or ()]
     spec = method_spec(method)
@@ -147,8 +145,8 @@ def compose(
     planned = COMPOSE.results_of(artifact)
     if not planned.waypoints_met:
         session.say(f"the plan does not meet every waypoint: {spec.hint}", "yellow")
-    for broken in planned.broken:
-        session.say(f"the plan breaks a safety limit, so it is no success: {where(broken)}", "yellow")
+    for violation in planned.broken:
+        session.say(f"the plan violates a safety limit, so it has failed: {where(violation)}", "yellow")
     if planned.broken:
         session.say(f"`skill viz {artifact.id} --open` shows it; plan without that skill, or with another --method or --goal")
     _done(session, artifact, f"skill transfer-eval {artifact.id}")
@@ -162,10 +160,10 @@ def transfer_eval(
     ] = None,
     episodes: Annotated[int | None, typer.Option("--episodes", help="Per domain.", min=1, max=10_000)] = None,
     replan: Annotated[
-        bool, typer.Option("--replan", help="Look at the target after every segment, plan again from there and go on.")
+        bool, typer.Option("--replan", help="After every segment, measure the state of the target and plan again from there.")
     ] = False,
     robot: Annotated[
-        Path | None, typer.Option("--robot", help="Another robot to run on: a robot file (docs/robots.md).", metavar="FILE")
+        Path | None, typer.Option("--robot", help="Robot file of another robot to run on (docs/robots.md).", metavar="FILE")
     ] = None,
     sensitivity: Annotated[
         bool, typer.Option("--sensitivity", help="Also run every domain with each of its parameters alone.")
@@ -217,7 +215,7 @@ def run(
     name: Name = None,
     overrides: Set = None,
 ) -> None:
-    """Run a recipe from training to transfer; finished stages with unchanged inputs are used again."""
+    """Run a recipe from training to transfer; finished stages with unchanged inputs are reused."""
     _chain(context.obj, recipe, seed, name, overrides)
 
 
@@ -225,7 +223,7 @@ def demo(
     context: typer.Context,
     seed: Seed = 0,
 ) -> None:
-    """The main job on the Sawyer, from nothing to a recording, a figure and a table."""
+    """Run the main example on the Sawyer: train, compose, transfer; write a recording, figures and a table."""
     from skillcli.recipe import load_recipe
 
     session: Session = context.obj
@@ -236,7 +234,7 @@ def demo(
         f"to come: {steps:,} control steps of training, a plan, transfer to other robots, figures; all in {session.root}/demo"
     )
     _chain(session, "reach", seed, "demo", None)
-    session.say(f"the whole took {time.monotonic() - began:.0f} s")
+    session.say(f"total time {time.monotonic() - began:.0f} s")
 
 
 def _chain(session: Session, recipe: str, seed: int, name: str | None, overrides: list[str] | None) -> None:
@@ -252,7 +250,7 @@ def _chain(session: Session, recipe: str, seed: int, name: str | None, overrides
     with session.progress() as on_progress:
         for link in run_chain(session.store, resolved, seed, folder, session.command, on_progress):
             if link.reused:
-                session.say(f"{link.artifact.id}: nothing changed, used again")
+                session.say(f"{link.artifact.id}: unchanged, reused")
             reports[link.artifact.kind] = {**payload(link.artifact), "reused": link.reused}
             if not session.json:
                 session.result({}, table_of(link.artifact))
@@ -272,10 +270,10 @@ def _chain(session: Session, recipe: str, seed: int, name: str | None, overrides
 
 
 def checked(name: str | None) -> str | None:
-    """The first part of a new id, as given.
+    """Return the first part of a new id if it is valid.
 
     Raises:
-        UsageError: it cannot be one.
+        UsageError: it is not.
     """
     from skillcli.errors import StoreError
     from skillcli.store.ids import check_name
@@ -298,16 +296,16 @@ def _numbers(text: str) -> list[float]:
 
 @contextmanager
 def _whole(stage: str) -> Iterator[None]:
-    """Say of a stage that is stopped that there is nothing of it."""
+    """Report an interrupted stage that leaves no result."""
     try:
         yield
     except KeyboardInterrupt:
-        hint = "what it was made from is in the store; the same command starts anew"
+        hint = "its inputs are in the store; run the same command again"
         raise Interrupted(f"interrupted: nothing of this {stage} was kept", hint) from None
 
 
 def _done(session: Session, artifact: Artifact, then: str) -> None:
-    """Report a finished stage, and what may be done next."""
+    """Print the result of a finished stage, and propose the next command."""
     from rich.text import Text
 
     from skillcli.cli.tables import table_of

@@ -1,4 +1,4 @@
-"""Commands that care for the store: gc, export, import, migrate, unlock, diff."""
+"""Commands that maintain the store: gc, export, import, migrate, unlock, diff."""
 
 from __future__ import annotations
 
@@ -49,12 +49,12 @@ def diff(context: typer.Context, a: FullId, b: FullId) -> None:
 
 def collect(
     context: typer.Context,
-    apply: Annotated[bool, typer.Option("--apply", help="Remove it; without this, only show what would go.")] = False,
-    keep: Annotated[int, typer.Option("--keep", help="Newest versions of each NAME/STAGE that stay.", min=1)] = 1,
+    apply: Annotated[bool, typer.Option("--apply", help="Remove it; by default only list it.")] = False,
+    keep: Annotated[int, typer.Option("--keep", help="How many of the newest versions of each NAME/STAGE to keep.", min=1)] = 1,
 ) -> None:
-    """Remove older versions and leftovers of killed processes. Pins, the newest and what they were made from stay.
+    """Remove older versions, and files of killed processes. Pinned and newest artifacts and their ancestors are kept.
 
-    So does what was made within the last hour: something may be about to be made from it.
+    Artifacts of the last hour are kept too: another command may be about to use them.
     """
     from skillcli.store import collect_garbage, find_garbage
 
@@ -62,7 +62,7 @@ def collect(
     found = (collect_garbage if apply else find_garbage)(session.filled, keep)
     if found.unreadable:
         blocked = found.unreadable[0].id
-        session.say(f"no artifact goes while {blocked} cannot be read: `skill verify --all` says why", "yellow")
+        session.say(f"no artifact is removed while {blocked} cannot be read: `skill verify --all` says why", "yellow")
     payload: dict[str, Any] = {
         "applied": apply,
         "bytes": found.bytes,
@@ -80,7 +80,7 @@ def _garbage(found: Garbage, applied: bool) -> list[Any]:
 
     table = Table("goes" if not applied else "gone", "why", "kB")
     for header in found.artifacts:
-        table.add_row(str(header.id), "older, nothing kept was made from it", f"{header.bytes / 1e3:,.0f}")
+        table.add_row(str(header.id), "older, without children that are kept", f"{header.bytes / 1e3:,.0f}")
     for one in found.leftovers:
         table.add_row(str(one.path), one.why, f"{one.bytes / 1e3:,.0f}")
     count = len(found.artifacts) + len(found.leftovers)
@@ -98,7 +98,7 @@ def export(
     source: Id = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="The file to write.", metavar="FILE.tar")] = None,
 ) -> None:
-    """Write an artifact with all it was made from into one file, for `skill import` elsewhere."""
+    """Write an artifact with all its ancestors into one file, for `skill import` elsewhere."""
     from skillcli.store import export as write
 
     session: Session = context.obj
@@ -114,10 +114,10 @@ def export(
 
 def import_(
     context: typer.Context,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="From `skill export`, or a single artifact's .h5 file.")],
-    replace: Annotated[bool, typer.Option("--replace", help="Put whole artifacts in the place of damaged ones.")] = False,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A file of `skill export`, or a single artifact's .h5 file.")],
+    replace: Annotated[bool, typer.Option("--replace", help="Replace damaged artifacts by intact ones.")] = False,
 ) -> None:
-    """Take artifacts from elsewhere into the store; nothing in the file is trusted before it is checked."""
+    """Import artifacts into the store; everything in the file is checked first."""
     from skillcli.evaluation.consistency import check_meaning
     from skillcli.store import import_file
 
@@ -133,7 +133,7 @@ def import_(
 
 
 def migrate(context: typer.Context, source: FullId) -> None:
-    """Make a new version of an artifact in the present schema; the original stays."""
+    """Make a new version of an artifact in the present schema; the original is kept."""
     session: Session = context.obj
     found = session.store.resolve(source)
     artifact = session.store.migrate(found, session.command)
@@ -145,9 +145,9 @@ def migrate(context: typer.Context, source: FullId) -> None:
 
 def unlock(
     context: typer.Context,
-    force: Annotated[bool, typer.Option("--force", help="Even where its owner seems to run.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Remove it even if its owner seems to run.")] = False,
 ) -> None:
-    """Remove the lock of a process that has ended, on another machine say. Never needed after a crash on this one."""
+    """Remove the lock of a process that has ended on another machine. Never needed after a crash on this one."""
     from skillcli.store import unlock as remove
 
     session: Session = context.obj

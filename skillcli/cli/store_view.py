@@ -1,4 +1,4 @@
-"""Commands that look at the store and at single artifacts: ls, show, verify, rm, pin, unpin."""
+"""Commands that show the store and single artifacts: ls, show, verify, rm, pin, unpin."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ Id = Annotated[
     str | None,
     typer.Argument(
         metavar="[ID]",
-        help="Id, NAME/STAGE or a unique beginning; without one, the newest that fits.",
+        help="Id, NAME/STAGE or a unique prefix; by default the newest that fits.",
         autocompletion=complete.ids,
     ),
 ]
 FullId = Annotated[str, typer.Argument(metavar="ID", help="A full id.", autocompletion=complete.ids)]
 
 
-LONG = 200  # rows, beyond which a listing is printed without a frame
+LONG = 200  # rows; longer listings are printed without a frame
 _COLUMNS = ("id", "made (UTC)", "recipe", "seed", "kB", "note")
-_LESSER = ("recipe", "kB", "seed", "note", "made (UTC)")  # left out first where there is little room
+_LESSER = ("recipe", "kB", "seed", "note", "made (UTC)")  # left out first if there is little room
 
 
 def register(app: typer.Typer) -> None:
@@ -45,8 +45,8 @@ def register(app: typer.Typer) -> None:
 def list_artifacts(
     context: typer.Context,
     kind: Annotated[str, typer.Option("--kind", help="Only this kind.", metavar="STAGE")] = "",
-    name: Annotated[str, typer.Option("--name", help="Only names like this, * for anything.", metavar="PATTERN")] = "*",
-    recipe: Annotated[str, typer.Option("--recipe", help="Only from recipes like this.", metavar="PATTERN")] = "*",
+    name: Annotated[str, typer.Option("--name", help="Only these names; * is any.", metavar="PATTERN")] = "*",
+    recipe: Annotated[str, typer.Option("--recipe", help="Only from these recipes; * is any.", metavar="PATTERN")] = "*",
     since: Annotated[str, typer.Option("--since", help="Only made at or after this (UTC).", metavar="DATE[THH:MM]")] = "",
     before: Annotated[str, typer.Option("--before", help="Only made before this (UTC).", metavar="DATE[THH:MM]")] = "",
 ) -> None:
@@ -92,16 +92,16 @@ def _row(header: Header, pinned: bool) -> tuple[str, ...]:
 
 
 def _table(rows: list[tuple[str, ...]], width: int) -> RenderableType:
-    """The listing in a frame; on a narrow terminal without the columns that matter less."""
+    """Make the listing in a frame; on a narrow terminal without the less important columns."""
     from rich.table import Table
 
     shown = list(range(len(_COLUMNS)))
-    room = [max(map(len, cells)) + 3 for cells in zip(_COLUMNS, *rows, strict=True)]  # with its frame
+    room = [max(map(len, cells)) + 3 for cells in zip(_COLUMNS, *rows, strict=True)]  # including the frame
     for column in map(_COLUMNS.index, _LESSER):
         if 1 + sum(room[index] for index in shown) > width:
             shown.remove(column)
     table = Table()
-    for index in shown:  # an id is never cut: it is there to be copied
+    for index in shown:  # an id is never cut, so that it can be copied
         table.add_column(_COLUMNS[index], no_wrap=True, overflow="fold")
     for row in rows:
         table.add_row(*(row[index] for index in shown))
@@ -109,13 +109,13 @@ def _table(rows: list[tuple[str, ...]], width: int) -> RenderableType:
 
 
 def plain_table(columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> RenderableType:
-    """Aligned columns without a frame: thousands of rows in a moment."""
+    """Align columns without a frame, which is fast for thousands of rows."""
     from rich.control import strip_control_codes
     from rich.segment import Segment, Segments
 
     widths = [max(map(len, cells)) for cells in zip(columns, *rows, strict=True)]
     lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in (columns, *rows))
-    return Segments([Segment(f"{strip_control_codes(line)}\n") for line in lines])  # `Text` would look for places to wrap
+    return Segments([Segment(f"{strip_control_codes(line)}\n") for line in lines])  # `Text` would search for places to wrap
 
 
 def _entry(header: Header, pinned: bool) -> dict[str, Any]:
@@ -142,7 +142,7 @@ def _schema_note(header: Header) -> list[str]:
 
 
 def _instant(option: str, text: str) -> str:
-    """A date or time as artifacts write theirs, to be compared as text; "" where none is given."""
+    """Convert a date or time to the format of artifacts, which compares as text; "" if none is given."""
     from datetime import UTC, datetime
 
     if not text:
@@ -155,7 +155,7 @@ def _instant(option: str, text: str) -> str:
 
 
 def show(context: typer.Context, source: Id = None) -> None:
-    """Show one artifact: where it comes from, what it found out, its curves and its lineage."""
+    """Show one artifact: its origin, results, curves and ancestors."""
     session: Session = context.obj
     store = session.store
     artifact = store.read(session.pick(source))
@@ -203,10 +203,10 @@ def _shown(session: Session, artifact: Artifact) -> list[Any]:
 def verify(
     context: typer.Context,
     source: Id = None,
-    lineage: Annotated[bool, typer.Option("--lineage", help="Also everything it was made from.")] = False,
-    everything: Annotated[bool, typer.Option("--all", help="Every artifact of the store.")] = False,
+    lineage: Annotated[bool, typer.Option("--lineage", help="Also check all ancestors.")] = False,
+    everything: Annotated[bool, typer.Option("--all", help="Check every artifact of the store.")] = False,
 ) -> None:
-    """Check artifacts bit by bit: file, content, schema, what it means, and parents."""
+    """Check artifacts bit by bit: file, content, schema, values, and parents."""
     from rich.text import Text
 
     from skillcli.evaluation.consistency import check_meaning
@@ -232,24 +232,24 @@ def verify(
         payload["error"] = {
             "type": "StoreError",
             "message": f"{', '.join(bad[:3])}{' and more' if len(bad) > 3 else ''} damaged: {listed[0]}",
-            "hint": "restore it from a copy, or remove it with what was made from it and make it anew",
+            "hint": "restore it from a copy, or remove it with its children and make it again",
         }
     lines = [Text.assemble((str(one), "red"), f": {problem}") for one, each in problems.items() for problem in each]
-    whole = f"{found} is whole" if len(ids) == 1 else f"{len(problems)} artifacts are whole"
+    whole = f"{found} is intact" if len(ids) == 1 else f"{len(problems)} artifacts are intact"
     session.result(payload, *(lines or [Text(whole, "green")]))
     if listed:
         raise typer.Exit(1)
 
 
 def _pictures() -> set[str]:
-    """Names of the files that `skill run` puts beside artifacts."""
+    """Return the names of the files that `skill run` puts beside artifacts."""
     from skillcli.kinds import COMPOSE, KINDS
 
     return {*(f"{kind}.png" for kind in KINDS), f"{COMPOSE.name}.rrd"}
 
 
 def _known(session: Session, found: ArtifactId) -> list[ArtifactId]:
-    """Ancestors that are there, as far as they can be told; one that is gone is a problem of what was made from it."""
+    """Return the existing ancestors as far as they are known; a missing one is a problem of its child."""
     from skillcli.errors import StoreError
 
     try:
@@ -259,7 +259,7 @@ def _known(session: Session, found: ArtifactId) -> list[ArtifactId]:
 
 
 def remove(context: typer.Context, source: FullId) -> None:
-    """Remove one artifact; refused while it is pinned or another one was made from it. Its number is never given again."""
+    """Remove one artifact, unless it is pinned or has children. Its number is never given again."""
     session: Session = context.obj
     from skillcli.store import ArtifactId
 
@@ -269,7 +269,7 @@ def remove(context: typer.Context, source: FullId) -> None:
 
 
 def pin(context: typer.Context, source: FullId) -> None:
-    """Protect an artifact, and with it all it was made from, from `gc` and `rm`."""
+    """Protect an artifact and all its ancestors from `gc` and `rm`."""
     _pin(context.obj, source, True)
 
 

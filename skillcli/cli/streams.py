@@ -1,4 +1,4 @@
-"""stdout and stderr that never stop the work: what cannot be encoded is replaced, and a reader that is gone is remembered."""
+"""stdout and stderr that never stop the work: they replace what cannot be encoded, and remember a lost reader."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TextIO
 
 
 class Outlet(io.RawIOBase):
-    """A file descriptor that takes everything, and keeps in mind what went wrong.
+    """A file descriptor that accepts every write and remembers failures.
 
     A training must not end because the terminal that shows its progress was closed.
     """
@@ -26,7 +26,7 @@ class Outlet(io.RawIOBase):
         if self.trouble is None:
             try:
                 return os.write(self.number, view)
-            except BlockingIOError:  # a pipe that its other end has set so: wait until there is room
+            except BlockingIOError:  # the other end made the pipe non-blocking: wait for room
                 select.select([], [self.number], [])
                 return self.write(data)
             except OSError as error:
@@ -34,25 +34,25 @@ class Outlet(io.RawIOBase):
         return len(view)
 
     def writable(self) -> bool:
-        """Yes."""
+        """Return True."""
         return True
 
     def fileno(self) -> int:
-        """The descriptor."""
+        """Return the descriptor."""
         return self.number
 
     def isatty(self) -> bool:
-        """Whether a person sees it."""
+        """Return whether it is a terminal."""
         return os.isatty(self.number)
 
 
 def protect() -> Outlet:
-    """Put both streams behind outlets, and see to it that no file takes the place of a closed one; returns that of stdout."""
+    """Put both streams behind outlets, reserve the numbers of closed ones, and return the outlet of stdout."""
     for number in (0, 1, 2):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # the lowest free number, which is this one
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number, which is this one
     out = Outlet(1)
     sys.stdout = _text(out, sys.stdout, "replace")
     sys.stderr = _text(Outlet(2), sys.stderr, "backslashreplace", by_line=True)
@@ -60,7 +60,7 @@ def protect() -> Outlet:
 
 
 def lost(out: Outlet) -> OSError | None:
-    """What kept results from being written; a reader that has seen enough (`skill ls | head -1`) is no failure."""
+    """Return the error that lost results; a reader that stops early (`skill ls | head -1`) is not an error."""
     sys.stdout.flush()
     return None if out.trouble and out.trouble.errno == errno.EPIPE else out.trouble
 

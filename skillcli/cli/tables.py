@@ -1,4 +1,4 @@
-"""What a stage found out, as a table for a person."""
+"""Tables of the results of a stage."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TABLES: ByKind[Callable[[Artifact], Group]] = ByKind("table")
 
 
 def table_of(artifact: Artifact) -> Group:
-    """The table of an artifact; of a kind that has none, its results as they are.
+    """Return the table of an artifact; without one for its kind, its plain results.
 
     Raises:
         StoreError: its kind is unknown.
@@ -46,7 +46,7 @@ def _title(artifact: Artifact, more: str = "") -> Text:
 
 @TABLES.register(PRETRAIN)
 def pretrain(artifact: Artifact) -> Group:
-    """Every skill of a training."""
+    """List every skill of a training."""
     found, measured = PRETRAIN.results_of(artifact), PRETRAIN.measured_of(artifact)
     table = _table("skill", "goal (m)", "at the mean", "sampled latents")
     for skill in found.skills:
@@ -67,7 +67,7 @@ def pretrain(artifact: Artifact) -> Group:
 
 @TABLES.register(EMBED_MEANS)
 def means(artifact: Artifact) -> Group:
-    """Every skill's mean latent."""
+    """List every skill's mean latent."""
     found = EMBED_MEANS.results_of(artifact)
     table = _table("skill", "mean latent", "std", "at the mean")
     for skill in found.skills:
@@ -82,7 +82,7 @@ def means(artifact: Artifact) -> Group:
 
 
 def _between(halfway: Sequence[Halfway]) -> list[Table]:
-    """What the mean of two neighbouring latents does."""
+    """List the results of the means of two neighbouring latents."""
     if not halfway:
         return []
     table = _table("mean of", "from half-way between the goals", "direction off by", "way against that")
@@ -95,15 +95,15 @@ def _between(halfway: Sequence[Halfway]) -> list[Table]:
 
 @TABLES.register(COMPOSE)
 def plan(artifact: Artifact) -> Group:
-    """Every waypoint of a composition."""
+    """List every waypoint of a composition."""
     found = COMPOSE.results_of(artifact)
     table = _table("waypoint", "target (m)", "closest")
     for index, waypoint in enumerate(found.waypoints):
         target = ", ".join(f"{x:g}" for x in waypoint.target)
         table.add_row(str(index + 1), target, _centimetres(waypoint.closest_m))
     steps = " ".join(f"{segment.skill}:{segment.seconds:.2f}s" for segment in found.segments)
-    met = "success" if found.success else "no success"
-    limits = [f"breaks {where(broken)}" for broken in found.broken]
+    met = "success" if found.success else "failed"
+    limits = [f"violates {where(violation)}" for violation in found.broken]
     ends = f"ends {_centimetres(found.final_distance_m)} from the last goal"
     if found.routes > 1:
         met, ends = f"{round(found.success_rate * found.routes)} of {found.routes} routes succeed", f"the worst {ends}"
@@ -116,18 +116,18 @@ def plan(artifact: Artifact) -> Group:
     return Group(_title(artifact, f": {found.method}, {found.task}"), table, caption)
 
 
-def where(broken: Violation) -> str:
-    """Which limit a plan breaks, and where first."""
-    steps, place = broken.control_steps, ", ".join(f"{x:.2f}" for x in broken.gripper_m)
+def where(violation: Violation) -> str:
+    """Describe which limit a plan violates, and where first."""
+    steps, place = violation.control_steps, ", ".join(f"{x:.2f}" for x in violation.gripper_m)
     return (
-        f"{broken.limit} in route {broken.route + 1} for {steps} control step{'s' if steps > 1 else ''}, "
-        f"first at {broken.seconds:.2f} s in segment {broken.segment + 1} with the gripper at ({place}) m"
+        f"{violation.limit} in route {violation.route + 1} for {steps} control step{'s' if steps > 1 else ''}, "
+        f"first at {violation.seconds:.2f} s in segment {violation.segment + 1} with the gripper at ({place}) m"
     )
 
 
 @TABLES.register(TRANSFER_EVAL)
 def transfer(artifact: Artifact) -> Group:
-    """Every domain of a transfer."""
+    """List every domain of a transfer."""
     found = TRANSFER_EVAL.results_of(artifact)
     table = _table("domain", "success", "95 %", "gap", "retention", "median", "p90", "replay")
     for domain in found.domains:
@@ -137,7 +137,7 @@ def transfer(artifact: Artifact) -> Group:
             "–" if domain.gap is None else f"{domain.gap:.0%}", "–" if domain.retention is None else f"{domain.retention:.2f}",
             _centimetres(distance.median), _centimetres(distance.p90), _centimetres(replay.median if replay else None),
         )  # fmt: skip
-    again = ", planned again on the way" if found.replanned else ""
+    again = ", with replanning" if found.replanned else ""
     robot = f"the robot of {found.robot.file}" if found.robot else "other robots"
     said = [f"source: success {found.source.success_rate:.0%}", *_footnotes(found)]
     parts = [part for domain in found.domains if (part := _sensitivity(domain))]
@@ -145,38 +145,38 @@ def transfer(artifact: Artifact) -> Group:
 
 
 def _interval(outcome: Outcome) -> str:
-    """The interval of a success rate, where anything is left to chance."""
+    """Write the interval of a success rate, if anything is random."""
     low, high = outcome.ci95
     return "exact" if outcome.deterministic else f"{low:.0%}–{high:.0%}"
 
 
 def _once(domains: Sequence[DomainResults]) -> list[str]:
-    """Of domains in which every episode would be the same."""
+    """Name the domains in which every episode is the same."""
     names = ", ".join(domain.name for domain in domains if domain.deterministic)
     return [f"{names}: deterministic, one episode of each route or skill, no interval"] if names else []
 
 
 def _unstable(domains: Sequence[DomainResults]) -> list[str]:
-    """Of domains in which simulations came apart."""
+    """Name the domains with unstable simulations."""
     told = [f"{each.name} in {each.unstable} of {each.episodes} episodes" for each in domains if each.unstable]
     return [f"unstable: {', '.join(told)}; the simulation diverged, no distance is counted"] if told else []
 
 
 def _gave_up(domains: Sequence[DomainResults]) -> list[str]:
-    """Of domains in which episodes that were planned again ended away from their goal."""
+    """Name the domains in which replanned episodes ended away from their goal."""
     told = [f"{each.name} in {each.gave_up} of {each.episodes} episodes" for each in domains if each.gave_up]
-    return [f"gave up: {', '.join(told)}; no latent that was tried led near the goal in time"] if told else []
+    return [f"gave up: {', '.join(told)}; no latent led close enough to the goal in time"] if told else []
 
 
 def _footnotes(found: TransferEvalResults) -> list[str]:
-    """Of a transfer: what `replay` is, limits that are broken, the worst episode by the name that it has in the viewer."""
+    """Explain a transfer: the meaning of `replay`, violated limits, and the worst episode by its name in the viewer."""
     said = [*_unstable(found.domains), *_gave_up(found.domains), *_once(found.domains)]
     if not found.domains[0].worst:
         return said
     lines = [*said, "replay: the source's commands sent blindly, median distance between where they end here and there"]
     counted = [("source", found.source.violations), *((domain.name, domain.violations) for domain in found.domains)]
-    broken = [f"{name}: {limit} in {count} episodes" for name, part in counted for limit, count in part.items() if count]
-    lines += [f"safety limits broken: {'; '.join(broken)}"] if broken else []
+    violated = [f"{name}: {limit} in {count} episodes" for name, part in counted for limit, count in part.items() if count]
+    lines += [f"safety limits violated: {'; '.join(violated)}"] if violated else []
     ended = [
         (each.final_distance_m, each.episode - first, name)
         for name, first, each in _worst(found.domains)
@@ -189,7 +189,7 @@ def _footnotes(found: TransferEvalResults) -> list[str]:
 
 
 def _worst(domains: Sequence[DomainResults]) -> Iterator[tuple[str, int, WorstEpisode]]:
-    """The episode of each domain that ends farthest off, with the domain and the number of its first episode."""
+    """Yield the worst episode of each domain, with the domain and the number of its first episode."""
     first = 0
     for domain in domains:
         ended = [each for each in domain.worst if each.final_distance_m is not None]
@@ -198,7 +198,7 @@ def _worst(domains: Sequence[DomainResults]) -> Iterator[tuple[str, int, WorstEp
 
 
 def _sensitivity(domain: DomainResults) -> Table | None:
-    """Each parameter of a domain alone."""
+    """List each parameter of a domain alone."""
     if not domain.sensitivity:
         return None
     table = _table(f"{domain.name}: alone", "success", "95 %", "median")

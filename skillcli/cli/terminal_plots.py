@@ -1,4 +1,4 @@
-"""Parts of an artifact drawn in the terminal: its recipe, its curves as sparklines, its lineage as a tree."""
+"""Show parts of an artifact in the terminal: its recipe, its curves as sparklines, its ancestors as a tree."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from rich.tree import Tree
 from skillcli.errors import StoreError
 from skillcli.store import ArtifactId, Store
 
-WIDTH, NARROW = 40, 6  # characters of a sparkline, at most and at least
+WIDTH, NARROW = 40, 6  # characters of a sparkline, most and least
 NUMBER = 9  # characters of a number with four digits
 
 _BARS = "▁▂▃▄▅▆▇█"
 
 
 def sparkline(values: Any, width: int = WIDTH) -> str:
-    """A curve in `width` characters at most, each the mean of its share of the values (n,); a space where none is finite."""
+    """Draw a curve in at most `width` characters, each the mean of its share of the values (n,); a space if none is finite."""
     values = np.asarray(values, dtype=float).ravel()
     parts = [part[np.isfinite(part)] for part in np.array_split(values, min(width, max(1, len(values))))]
     means = np.array([part.mean() if len(part) else np.nan for part in parts])
@@ -32,7 +32,7 @@ def sparkline(values: Any, width: int = WIDTH) -> str:
 
 
 def curves(arrays: Mapping[str, Any], width: int) -> Table:
-    """Every learning curve: its first and last value, and its course, which is drawn coarser rather than cut off."""
+    """List every learning curve: first and last value, and a sparkline, coarser on a narrow terminal."""
     frame = 13
     room = width - frame - 2 * NUMBER - max(map(len, arrays), default=0)
     table = Table("curve", "", "first", "last")
@@ -43,7 +43,7 @@ def curves(arrays: Mapping[str, Any], width: int) -> Table:
 
 
 def recipe(resolved: Mapping[str, Any]) -> Table:
-    """Every value of a resolved recipe, one line per section."""
+    """List every value of a resolved recipe, one line per section."""
     table = Table("recipe", "values")
     for section, values in sorted(resolved.items()):
         shown = ", ".join(f"{key}={value}" for key, value in values.items()) if isinstance(values, Mapping) else str(values)
@@ -52,7 +52,7 @@ def recipe(resolved: Mapping[str, Any]) -> Table:
 
 
 def lineage(store: Store, artifact_id: ArtifactId) -> Tree:
-    """What an artifact was made from, as a tree; what is gone or damaged is marked."""
+    """Show the ancestors of an artifact as a tree; missing or damaged ones are marked."""
     tree = Tree(Text(str(artifact_id), "bold"))
     pending, seen = [(tree, artifact_id)], {artifact_id}
     while pending:

@@ -1,4 +1,4 @@
-"""Commands as they are typed: those that were, and those that are proposed."""
+"""Commands as they are typed: the present one, and proposed ones."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _PROPOSED = re.compile(
 
 
 def split(words: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Options for every command, which may stand anywhere before a `--`, and the rest."""
+    """Separate the global options, which may stand anywhere before a `--`, from the rest."""
     ours: list[str] = []
     rest: list[str] = []
     pending = list(words)
@@ -33,19 +33,19 @@ def split(words: Sequence[str]) -> tuple[list[str], list[str]]:
 
 
 def recorded() -> str:
-    """The command as typed, without the options that only concern printing and places."""
+    """Return the command as typed, without the options that only concern output and paths."""
     return shlex.join(["skill", *split(sys.argv[1:])[1]])
 
 
 def runnable(text: str) -> str:
-    """The text with every command that it proposes as it has to be typed to reach the same store by the same program."""
+    """Rewrite every proposed command in a text so that it uses the same program and store."""
     place = [word for word in split(sys.argv[1:])[0] if word not in SWITCHES]
     prefix = shlex.join([_program(), *place])
     return _PROPOSED.sub(lambda found: f"{found['before']}{prefix} ", text)
 
 
 def _program() -> str:
-    """`skill`, or its path where that word would start another program: many systems have one that sends signals."""
+    """Return `skill`, or its path if that word would start another program: many systems have one that sends signals."""
     called, found = Path(sys.argv[0]), shutil.which("skill")
     ours = not called.is_file() or (found is not None and called.samefile(found))
     return "skill" if ours else str(called)

@@ -1,1 +1,1 @@
-"""What every recipe section is made of: frozen sections, TOML, ranges, and one explainer of errors."""
+"""The basis of recipes, domains and robot files: frozen sections, TOML, distributions, and explained errors."""

@@ -1,4 +1,4 @@
-"""What recipe sections are made of: frozen, bounded, described values."""
+"""The basis of recipe sections: frozen, bounded, described values."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ Joints = tuple[float, ...]  # one number for each joint of the arm
 
 
 def value(default: Any, description: str, unit: str = "", **bounds: Any) -> Any:
-    """A recipe field: its default, what it means, its unit, and the bounds it must keep."""
+    """Declare a recipe field: its default, description, unit and bounds."""
     return Field(default=default, description=description, json_schema_extra={"unit": unit}, **bounds)
 
 
 def optional_value(default: Any, description: str, unit: str = "", **bounds: Any) -> Any:
-    """A recipe field that is written out only where it differs from its default: older stored recipes stay the same."""
+    """Declare a recipe field that is stored only if it differs from its default, so that older stored recipes stay the same."""
     return value(default, description, unit, exclude_if=lambda given: given == default, **bounds)
 
 
 class Section(BaseModel):
-    """Frozen: unknown keys, NaN and infinities are refused, and what only looks like a number or like true and false."""
+    """A frozen section. It refuses unknown keys, NaN and infinities, and texts in place of numbers or booleans."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     @model_validator(mode="before")
     @classmethod
     def _no_look_alikes(cls, given: Any) -> Any:
-        """Refuse true and "1" for the number 1, and 1 and "yes" for true: pydantic would take them."""
+        """Refuse true and "1" for the number 1, and 1 and "yes" for true: pydantic would accept them."""
         for key, item in given.items() if isinstance(given, Mapping) else ():
             if key in cls.model_fields:
                 _check_look_alikes(key, item, set(_leaves(cls.model_fields[key].annotation)))
@@ -46,7 +46,7 @@ def _check_look_alikes(key: str, given: Any, wanted: set[Any]) -> None:
 
 
 def _leaves(annotation: Any) -> Iterator[Any]:
-    """The types that a value, or the entries of a list, may have."""
+    """Yield the types that a value, or the entries of a list, may have."""
     inner = [option for option in get_args(annotation) if option is not Ellipsis and option is not type(None)]
     if not inner:
         yield annotation

@@ -1,4 +1,4 @@
-"""What is wrong with a recipe, a domain or a robot file, in our words: what was expected, and what was got."""
+"""Explain errors of recipes, domains and robot files: what was expected, and what was got."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from pydantic import BaseModel, ValidationError
 
 from skillcli.config.base import Section
 
-_LONGEST = 60  # characters of a value that are shown
+_LONGEST = 60  # characters of a value to show
 _COUNTED = {1: "one", 2: "two", 3: "three", 4: "four", 7: "seven"}
-# What pydantic calls a fault, and what was expected.
+# Names of pydantic's errors, and what was expected.
 _EXPECTED = {
     "int_type": "a whole number",
     "int_parsing": "a whole number",
@@ -42,14 +42,14 @@ _EXPECTED = {
 
 @dataclass(frozen=True)
 class Complaint:
-    """The first thing that is wrong with a configuration.
+    """The first error of a configuration.
 
     Attributes:
-        keys: from the outermost to the one it is about; empty where it is about the whole.
-        entry: of a list, or of a list within a list, as ", entry 2"; empty where it is about none.
-        said: what was expected and what was got, or what rule does not hold.
-        kind: whether a key is unknown, or missing, or has a value that cannot be meant.
-        known: keys that there are where an unknown one stands.
+        keys: from the outermost to the invalid one; empty if the whole is invalid.
+        entry: of a list, or of a list within a list, as ", entry 2"; else empty.
+        said: what was expected and what was got, or which rule is violated.
+        kind: whether a key is unknown or missing, or a value is invalid.
+        known: existing keys, if one is unknown.
     """
 
     keys: tuple[str, ...]
@@ -60,15 +60,15 @@ class Complaint:
 
     @property
     def key(self) -> str:
-        """The keys as they stand in --set."""
+        """Return the keys as in --set."""
         return ".".join(self.keys)
 
 
 def complaint(error: ValidationError, root: type[BaseModel]) -> Complaint:
-    """The first complaint of a validation of `root`."""
+    """Return the first error of a validation of `root`."""
     first = error.errors(include_url=False)[0]
     kind, context, where = first["type"], first.get("ctx", {}), _walk(root, first["loc"])
-    if kind == "look_alike":  # found in the section, before its values are looked at
+    if kind == "look_alike":  # found in the section, before its values are validated
         return Complaint((*where.keys, context["key"]), f"{first['msg']}, got {shown(context['got'])}")
     if kind == "extra_forbidden":
         return Complaint(where.keys, "unknown", "unknown", where.siblings)
@@ -78,13 +78,13 @@ def complaint(error: ValidationError, root: type[BaseModel]) -> Complaint:
         return Complaint((*where.keys, context["discriminator"].strip("'")), _said(first, None, context["tag"]))
     if kind == "missing" and not where.entries:
         return Complaint(where.keys, "missing", "missing")
-    if kind == "missing":  # an entry that is not there: the list is too short
+    if kind == "missing":  # a missing entry: the list is too short
         return Complaint(where.keys, _said(first, where.holder, first["input"]), entry=_entries(where.entries[:-1]))
     return Complaint(where.keys, _said(first, where.annotation, first.get("input")), entry=_entries(where.entries))
 
 
 def shown(given: Any) -> str:
-    """A value as it stands in a TOML file, or what it is where it is long."""
+    """Write a value as in a TOML file, or describe it if it is long."""
     if isinstance(given, bool):
         return str(given).lower()
     if isinstance(given, Mapping):
@@ -98,14 +98,14 @@ def shown(given: Any) -> str:
 @dataclass(frozen=True)
 class _Where:
     keys: tuple[str, ...]
-    entries: tuple[int, ...]  # of lists within lists, counted from 1
-    annotation: Any  # what was expected there
-    holder: Any  # what was expected around it
+    entries: tuple[int, ...]  # indices in nested lists, counted from 1
+    annotation: Any  # expected type
+    holder: Any  # type that contains it
     siblings: tuple[str, ...]
 
 
 def _walk(root: type[BaseModel], location: Sequence[str | int]) -> _Where:
-    """Where a complaint is in what a person wrote: without the names of alternatives, and the inside of ranges."""
+    """Locate an error in what the user wrote: without names of alternatives, and without the inside of ranges."""
     keys: list[str] = []
     entries: list[int] = []
     annotation: Any = root
@@ -130,7 +130,7 @@ def _walk(root: type[BaseModel], location: Sequence[str | int]) -> _Where:
 
 
 def _plain(annotation: Any) -> Any:
-    """Without what is laid around a type: bounds, and that it may be left out."""
+    """Remove bounds and None from a type."""
     while hasattr(annotation, "__metadata__"):
         annotation = annotation.__origin__
     if get_origin(annotation) in (Union, types.UnionType):
@@ -140,7 +140,7 @@ def _plain(annotation: Any) -> Any:
 
 
 def _alternative(annotation: Any, name: str) -> type[BaseModel] | None:
-    """Of several sections, the one that is called so."""
+    """Return the section of this name among several."""
     plain = _plain(annotation)
     options = get_args(plain) if get_origin(plain) in (Union, types.UnionType) else ()
     named = (option for option in options if hasattr(option, "model_fields"))
@@ -153,7 +153,7 @@ def _model(annotation: Any) -> type[BaseModel] | None:
 
 
 def _entry(annotation: Any, index: int) -> Any:
-    """What an entry of a list, or a value of a table, is expected to be."""
+    """Return the expected type of an entry of a list, or of a value of a table."""
     options = [option for option in get_args(_plain(annotation)) if option is not Ellipsis]
     return options[min(index, len(options) - 1)] if options else None
 
@@ -163,7 +163,7 @@ def _entries(entries: Sequence[int]) -> str:
 
 
 def _said(first: Any, annotation: Any, given: Any) -> str:
-    """What was expected, and what was got."""
+    """Say what was expected, and what was got."""
     kind, context = first["type"], first.get("ctx", {})
     if kind == "value_error":
         said = str(context["error"])
@@ -181,7 +181,7 @@ def _number(given: Any, context: Mapping[str, Any]) -> str:
 
 
 def _list_of(annotation: Any, context: Mapping[str, Any]) -> str:
-    """How many of what a list should hold."""
+    """Say how many entries of which type a list needs."""
     options = [option for option in get_args(_plain(annotation)) if option is not Ellipsis]
     fixed = Ellipsis not in get_args(_plain(annotation)) and len(options)
     count = fixed or context.get("min_length") or context.get("max_length") or 1

@@ -1,6 +1,6 @@
-"""What may differ from robot to robot and from episode to episode, and the ranges it is drawn from.
+"""Parameters that may differ between robots and episodes, and the distributions they are drawn from.
 
-Training draws from such ranges to become robust, transfer draws from them to judge; both read and write them alike. In TOML:
+Training draws from such distributions to become robust, transfer draws from them to evaluate. In TOML:
 
     contact_friction = { uniform = [0.6, 1.4] }
     joint_damping = { log_uniform = [0.5, 2.0] }
@@ -26,7 +26,7 @@ PER_JOINT = 0
 
 
 class Parameter(NamedTuple):
-    """One thing that may differ: how many values an episode has of it, and between which bounds they make sense."""
+    """One parameter: the number of its values in an episode, its unit, its meaning, and the bounds of valid values."""
 
     size: int  # `PER_JOINT`: one for each joint of the arm
     unit: str
@@ -35,9 +35,9 @@ class Parameter(NamedTuple):
     high: float
 
 
-MAX_LATENCY = 0.155  # s: how far back the model's actuators remember their commands
+MAX_LATENCY = 0.155  # s: length of the command history in the model's actuators
 
-# What may be changed. Factors multiply the model's own value: 1 changes nothing. Everything else is added: 0 changes nothing.
+# All parameters. Factors multiply the model's own value: 1 changes nothing. All others are added: 0 changes nothing.
 PARAMETERS: dict[str, Parameter] = {
     "link_mass": Parameter(
         PER_JOINT,
@@ -85,7 +85,7 @@ PARAMETERS: dict[str, Parameter] = {
         2, "m", "offset of the box from its nominal start, x and y; set beside an arm that it would stand in", -1, 1
     ),
 }
-# What says nothing without the other.
+# Parameters without effect unless another one is set.
 NEEDS = {
     "joint_drift": ("drift_time",),
     "position_drift": ("drift_time",),
@@ -94,16 +94,16 @@ NEEDS = {
     "object_push": ("push_rate",),
     "push_rate": ("arm_push", "object_push"),
 }
-# What only says how or how often another parameter acts.
-# What goes on by chance while an episode runs, where it is not zero.
+# Parameters that only describe how or how often another one acts.
+# Parameters that are random during an episode, if they are not zero.
 BY_CHANCE = ("control_jitter", "joint_noise", "position_noise", "joint_drift", "position_drift", "push_rate")
 MANNERS = {others[0] for others in NEEDS.values() if len(others) == 1}
-RANGE_KEYS = {"uniform", "log_uniform", "one_of", "kind", "values"}  # how a range is written, and stored
+RANGE_KEYS = {"uniform", "log_uniform", "one_of", "kind", "values"}  # keys of a range, as written and as stored
 IDENTITY = {name: 1.0 if parameter.unit == "factor" else 0.0 for name, parameter in PARAMETERS.items()}
 
 
 class Distribution(BaseModel):
-    """Where values are drawn from."""
+    """A distribution of parameter values."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -138,7 +138,7 @@ class Distribution(BaseModel):
         return self
 
     def draw(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
-        """Values of the given shape; fixed ones along its last axis."""
+        """Draw values of the given shape; fixed ones along its last axis."""
         if self.kind == "fixed":
             return np.broadcast_to(np.array(self.values), shape).copy()
         if self.kind == "one_of":
@@ -152,13 +152,13 @@ class Distribution(BaseModel):
 
     @property
     def constant(self) -> bool:
-        """Whether every draw is the same."""
+        """Return whether every draw is the same."""
         return self.kind == "fixed" or len(set(self.values)) == 1
 
     def quantile(self, share: Array) -> Array:
-        """The values below which these shares, in [0, 1), of all draws lie; of a choice, that share of the list.
+        """Return the quantiles of these shares in [0, 1); of a choice, the entry at that share of the list.
 
-        Fixed values lie along the last axis, whatever the shares.
+        Fixed values are along the last axis, whatever the shares.
         """
         if self.kind == "fixed":
             return np.broadcast_to(np.array(self.values), share.shape).copy()
@@ -172,7 +172,7 @@ class Distribution(BaseModel):
         return np.exp(logarithm)
 
     def __str__(self) -> str:
-        """As a person reads it."""
+        """Describe the distribution briefly."""
         if self.kind == "fixed":
             return ", ".join(f"{value:g}" for value in self.values)
         if self.kind != "one_of":
@@ -181,7 +181,7 @@ class Distribution(BaseModel):
 
 
 def closest(name: str, known: Iterable[str]) -> str:
-    """What may have been meant, as the end of a sentence; empty where nothing is near."""
+    """Propose similar names, as the end of a sentence; empty if none is similar."""
     near = get_close_matches(name, list(known), n=2)
     return f", did you mean {' or '.join(map(repr, near))}?" if near else ""
 
@@ -194,7 +194,7 @@ def _known(ranges: dict[str, Distribution]) -> dict[str, Distribution]:
     for name, values in ranges.items():
         _check(name, values)
         if name in NEEDS and not any(other in ranges for other in NEEDS[name]):
-            raise ValueError(f"{name} says nothing without {' or '.join(NEEDS[name])}")
+            raise ValueError(f"{name} has no effect without {' or '.join(NEEDS[name])}")
     return ranges
 
 
@@ -212,10 +212,10 @@ Distributions = Annotated[dict[str, Distribution], AfterValidator(_known)]
 
 
 def _size(name: str, values: Distribution, joints: int) -> int:
-    """How many values an episode has of a parameter.
+    """Return the number of values of a parameter in an episode.
 
     Raises:
-        UsageError: other ones are fixed than the arm has joints.
+        UsageError: there are fixed values, but not one for each joint.
     """
     size = PARAMETERS[name].size or joints
     if values.kind == "fixed" and len(values.values) != size:
@@ -226,7 +226,7 @@ def _size(name: str, values: Distribution, joints: int) -> int:
 
 
 def sample(ranges: Mapping[str, Distribution], episodes: int, rng: np.random.Generator, joints: int) -> dict[str, Array]:
-    """Draw parameters for each episode of an arm of some joints, (E,) or (E, n) by name; see `PARAMETERS`.
+    """Draw parameters for each episode of an arm with some joints, (E,) or (E, n) by name; see `PARAMETERS`.
 
     Raises:
         UsageError: fixed values do not fit the arm.
@@ -239,20 +239,20 @@ def sample(ranges: Mapping[str, Distribution], episodes: int, rng: np.random.Gen
 
 
 def sample_each(ranges: Mapping[str, Distribution], rngs: Sequence[np.random.Generator], joints: int) -> dict[str, Array]:
-    """Like `sample`, each episode from a generator of its own: more episodes leave the first ones as they were."""
+    """Draw like `sample`, each episode from its own generator: more episodes begin with the same ones."""
     drawn = [sample(ranges, 1, rng, joints) for rng in rngs]
     return {name: np.concatenate([episode[name] for episode in drawn]) for name in sorted(ranges)}
 
 
 def repeats(ranges: Mapping[str, Distribution]) -> bool:
-    """Whether every episode is the same: nothing is drawn, and nothing goes on by chance."""
+    """Return whether every episode is the same: nothing is drawn, and nothing is random during an episode."""
     return all(values.constant and (name not in BY_CHANCE or not any(values.values)) for name, values in ranges.items())
 
 
 def latin_hypercube(ranges: Mapping[str, Distribution], count: int, rng: np.random.Generator, joints: int) -> dict[str, Array]:
-    """Like `sample`, but spread out: every parameter takes one value out of each of `count` equal shares of its range.
+    """Draw like `sample`, but evenly: every parameter takes one value from each of `count` equal shares of its range.
 
-    Latin hypercube sampling (McKay, Beckman and Conover 1979): a few robots show what many would.
+    Latin hypercube sampling (McKay, Beckman and Conover 1979): few robots cover the ranges as well as many.
     """
     filled = {}
     for name, values in sorted(ranges.items()):
@@ -268,7 +268,7 @@ Span = tuple[float, float]
 
 
 def check_span(span: Span) -> None:
-    """Refuse what is not two shares of the training in order.
+    """Refuse a span that is not two increasing shares of the training.
 
     Raises:
         ValueError: it is not.
@@ -278,15 +278,15 @@ def check_span(span: Span) -> None:
 
 
 def phased_in(span: Span, progress: float) -> float:
-    """How much of what is phased in over a span is there at some progress of the training: from 0 linearly to 1."""
+    """Return the fraction of an effect that is phased in over a span: from 0 linearly to 1."""
     begin, full = span
     return float(progress >= begin) if begin == full else min(1.0, max(0.0, (progress - begin) / (full - begin)))
 
 
 class Randomisation(Section):
-    """What differs from episode to episode while training (Tobin et al. 2017, Peng et al. 2018); nothing by default.
+    """Domain randomization during training (Tobin et al. 2017, Peng et al. 2018); none by default.
 
-    Wide starts, latency and noise are slow to learn under from scratch. They reach a share of the simulations that grows
+    Training from scratch under wide starts, latency and noise is slow. So they apply to a share of the simulations that grows
     over a span of the training.
     """
 
@@ -308,5 +308,5 @@ class Randomisation(Section):
 
     @property
     def ranges(self) -> Distributions:
-        """All of them, by name."""
+        """Return all distributions by name."""
         return {**self.dynamics, **self.starts, **self.sensing}

@@ -1,4 +1,4 @@
-"""Reading a TOML file that a person wrote, with whatever editor."""
+"""Read TOML files written in any editor."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-MAX_BYTES = 256 * 1024  # no recipe, domain or robot file comes near it
+MAX_BYTES = 256 * 1024  # larger than any recipe, domain or robot file
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The content of a TOML file; a byte-order mark, as Windows editors write it, is no part of it.
+    """Read a TOML file; a byte-order mark, as Windows editors write it, is skipped.
 
     Raises:
         OSError: it cannot be opened or read.
-        ValueError: it is too large, no UTF-8, or no TOML; says in one line what it is.
+        ValueError: it is too large, not UTF-8, or not TOML; the message is one line.
     """
     with path.open("rb") as file:
         raw = file.read(MAX_BYTES + 1)
@@ -25,10 +25,10 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """What TOML text says.
+    """Parse TOML text.
 
     Raises:
-        ValueError: it is no TOML, nested too deeply, or has a number of absurd length.
+        ValueError: it is not TOML, is nested too deeply, or has a number of absurd length.
     """
     try:
         return tomllib.loads(text)
@@ -36,7 +36,7 @@ def parse_toml(text: str) -> dict[str, Any]:
         raise
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
-    except ValueError:  # Python's own bound on digits
+    except ValueError:  # Python's own limit of digits
         raise ValueError("a number in it has thousands of digits") from None
 
 

@@ -1,4 +1,4 @@
-"""Kinds of artifacts, one module each; what else belongs to them, such as tables and figures, is registered `ByKind`."""
+"""Kinds of artifacts, one module each; tables, figures and other parts elsewhere are registered with `ByKind`."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ AnyKind = KindSpec[Any, Any]
 T = TypeVar("T")
 
 KINDS: dict[str, AnyKind] = {spec.name: spec for spec in (PRETRAIN, EMBED_MEANS, COMPOSE, TRANSFER_EVAL)}
-"""By name, in the order in which a chain makes them."""
+"""By name, in the order of a chain."""
 
 
 def kind_spec(kind: str, label: str = "it") -> AnyKind:
-    """The spec of a kind; `label` says in the message whose it is.
+    """Return the spec of a kind; `label` names its artifact in the message.
 
     Raises:
         StoreError: there is no such kind.
@@ -33,14 +33,14 @@ def kind_spec(kind: str, label: str = "it") -> AnyKind:
 
 
 class ByKind(Generic[T]):
-    """What belongs to some kinds of artifacts and is kept elsewhere, where the store cannot see it."""
+    """A registry of something that some kinds have, outside this package, where the store cannot see it."""
 
     def __init__(self, what: str) -> None:
         self._what = what
         self._known: dict[str, T] = {}
 
     def register(self, *specs: AnyKind) -> Callable[[T], T]:
-        """Mark what is defined next as that of these kinds."""
+        """Register the decorated object for these kinds."""
 
         def marked(found: T) -> T:
             self._known |= dict.fromkeys((spec.name for spec in specs), found)
@@ -49,11 +49,11 @@ class ByKind(Generic[T]):
         return marked
 
     def __contains__(self, kind: str) -> bool:
-        """Whether a kind has one."""
+        """Return whether a kind is registered."""
         return kind in self._known
 
     def of(self, kind: str) -> T:
-        """That of a kind.
+        """Return the object of a kind.
 
         Raises:
             StoreError: it has none.

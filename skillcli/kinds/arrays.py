@@ -1,4 +1,4 @@
-"""Arrays that several kinds of artifacts hold."""
+"""Arrays of several kinds of artifacts."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ POSITIONS = {
     "trajectories/object_pose": Field("episode,step+1,pose", "m", required=False),
     "trajectories/position": Field("episode,step+1,xy", "m", required=False),
 }
-"""At least one of them is there."""
+"""At least one of them is required."""
 
 TRAJECTORIES = {
     "trajectories/time": Field("step+1", "s"),
@@ -35,4 +35,4 @@ EMBEDDING = {
     "embedding/std": Field("skill,latent", values=POSITIVE),
     "skills/goal": Field("skill,xyz", "m"),
 }
-"""Skills: where their latents lie, and what they were trained for."""
+"""Skills: their latents, and the goals that they were trained for."""

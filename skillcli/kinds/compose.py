@@ -1,4 +1,4 @@
-"""A composition: the plan, the waypoints it had to meet, and how it went where it was planned."""
+"""A composition: the plan, its waypoints, and its execution where it was planned."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from skillcli.kinds.record import Measured, Point, Record, unsaid
 from skillcli.kinds.spec import CURVE, POSITIVE, WEIGHT, Array, Arrays, Field, KindSpec, Results, Sizes, counted, divided, index
 
 GOALS = "goals"
-"""The task of a composition that is no named one: its goals were given."""
+"""Task name of a composition with given goals instead of a named task."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +31,7 @@ class PlannedSegment(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Waypoint(Record):
-    """One place to be met."""
+    """One waypoint."""
 
     target: Point
     closest_m: float
@@ -40,7 +40,7 @@ class Waypoint(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Violation(Record):
-    """A safety limit that one route breaks: for how long, and where first."""
+    """A safety limit that one route violates: for how long, and where first."""
 
     route: int
     limit: str
@@ -52,7 +52,7 @@ class Violation(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Calibrated(Record):
-    """How far latents between two skills lead, against their share; None without pairs."""
+    """Interpolation error of latents between two skills; None without pairs."""
 
     pair_count: int
     mean_error: float | None
@@ -63,7 +63,7 @@ class Calibrated(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class CalibratedPair(Record):
-    """The same of one pair."""
+    """The same for one pair."""
 
     from_: str
     to: str
@@ -85,11 +85,11 @@ class CalibrationResults(Calibrated):
 
 @dataclass(frozen=True, kw_only=True)
 class ComposeResults(Record):
-    """What a composition found out."""
+    """Results of a composition."""
 
     method: str
     task: str  # a named composition, or `GOALS`
-    success: bool  # every route meets its waypoints and breaks no limit
+    success: bool  # every route meets its waypoints and violates no limit
     success_rate: float
     routes: int
     expanded_nodes: int
@@ -98,19 +98,19 @@ class ComposeResults(Record):
     plan_seconds: float
     segments: tuple[PlannedSegment, ...]
     waypoints: tuple[Waypoint, ...]
-    final_distance_m: float  # the worst
+    final_distance_m: float  # the largest
     final_distances_m: tuple[float, ...]  # of each route
-    waypoints_met: bool | None = unsaid(None)  # whatever the limits; None: nobody asked
-    violations: Mapping[str, int] = unsaid({})  # control steps beyond each limit that is broken; none were known
+    waypoints_met: bool | None = unsaid(None)  # regardless of limits; None: unknown
+    violations: Mapping[str, int] = unsaid({})  # control steps that violate each limit; empty if unknown
     broken: tuple[Violation, ...] = unsaid(())
-    on: str = unsaid("")  # the domain that was planned on, "" for the simulation
-    robots: int = unsaid(1)  # that every latent was tried on
+    on: str = unsaid("")  # domain that was planned on, "" for the nominal simulation
+    robots: int = unsaid(1)  # that tried every latent
     calibration: CalibrationResults | None = unsaid(None)  # of interpolations
 
 
 @dataclass(frozen=True, kw_only=True)
 class ComposeMeasured(Measured):
-    """What planning took."""
+    """Cost of planning."""
 
     planning_seconds: float
 
@@ -127,11 +127,11 @@ def _check(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Sizes
         yield f"results.routes is {results['routes']}, there are {routes}"
     said = [*results["segments"], *results["waypoints"], *results.get("broken", ())]
     if not all(0 <= each["route"] < routes for each in said):
-        yield "the results name a route that there is not"
+        yield "the results name a route that does not exist"
 
 
 def _from_1(arrays: Arrays, results: Results) -> tuple[Arrays, Results]:
-    """Version 2 has several routes, each run from the start; before, there was one."""
+    """Migrate from version 1, which had one route; version 2 has several, each run from the start."""
     routes = {
         f"{folder}/route": np.zeros(len(arrays[field]), dtype=np.int64)
         for folder, field in (("plan", "plan/latent"), ("waypoints", "waypoints/target"))

@@ -1,4 +1,4 @@
-"""Mean latents of skills: how well they are separated, what each does, and what the mean of two does."""
+"""Mean latents of skills: their separation, and the motion of each and of the mean of two."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class MeanSkill(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Halfway(Record):
-    """The mean of two neighbouring latents, against going half-way between the two goals."""
+    """The mean of two neighbouring latents, compared with the point half-way between their goals."""
 
     from_: str
     to: str
@@ -50,7 +50,7 @@ class MapQuality(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class EmbedMeansResults(Record):
-    """What the mean latents are worth; None where it is undefined."""
+    """Quality of the mean latents; None where it is undefined."""
 
     skills: tuple[MeanSkill, ...]
     halfway: tuple[Halfway, ...]
@@ -74,7 +74,7 @@ def _check(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Sizes
 
 
 def _from_1(arrays: Arrays, results: Results) -> tuple[Arrays, Results]:
-    """Version 2 also plays the latents half-way between two skills; the older had none."""
+    """Migrate from version 1; version 2 adds the latents half-way between two skills."""
     return {**arrays, "halfway/pair": np.zeros((0, 2), dtype=np.int64)}, {**results, "halfway": []}
 
 

@@ -1,4 +1,4 @@
-"""How episodes ended, as several kinds of artifacts say it."""
+"""How episodes ended; used by several kinds of artifacts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from skillcli.kinds.record import Interval, Record, unsaid
 
 @dataclass(frozen=True, kw_only=True)
 class Distances(Record):
-    """Final distances of episodes, m; None where no episode ended anywhere."""
+    """Final distances of episodes, m; None without stable episodes."""
 
     mean: float | None
     p10: float | None = unsaid(None, null=True)
@@ -21,13 +21,13 @@ class Distances(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome(Record):
-    """How often episodes succeed, and where they end."""
+    """Success rate and final distances of episodes."""
 
     episodes: int
     successes: int
     success_rate: float
     ci95: Interval
-    deterministic: bool = unsaid(False)  # every episode would be the same: the interval has no width
-    unstable: int = unsaid(0)  # episodes in which the simulation came apart
-    gave_up: int = unsaid(0)  # episodes planned again that ended away from their goal
+    deterministic: bool = unsaid(False)  # all episodes are the same: the interval has no width
+    unstable: int = unsaid(0)  # episodes in which the simulation diverged
+    gave_up: int = unsaid(0)  # replanned episodes that ended away from their goal
     final_distance_m: Distances

@@ -1,4 +1,4 @@
-"""Trained skills: their weights, their latents, and what they are worth."""
+"""Trained skills: weights, latents and evaluation."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class TrainedSkill(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class EmbeddingQuality(Record):
-    """How well the skills are told apart; None where it is undefined."""
+    """How well the skills are separated; None where it is undefined."""
 
     inference_accuracy: float
     latent_goal_correlation: float | None
@@ -33,7 +33,7 @@ class EmbeddingQuality(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class ObservedTerm(Record):
-    """One quantity of what the policy sees; they stand behind each other in this order."""
+    """One quantity of the observation, in the order of the list."""
 
     name: str
     unit: str
@@ -51,7 +51,7 @@ class TrainedRobot(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Randomised(Record):
-    """The mean latents on robots and from starts as varied as in training."""
+    """The mean latents, evaluated on robots and from starts as varied as in training."""
 
     episodes: int
     success_rate: float
@@ -61,7 +61,7 @@ class Randomised(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class PretrainResults(Record):
-    """What a training found out."""
+    """Results of a training."""
 
     env_steps: int
     success_rate: float
@@ -74,7 +74,7 @@ class PretrainResults(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Throughput(Record):
-    """Control steps per second, and shares of what the bare engine does; None where it was not measured."""
+    """Control steps per second, and shares of the bare engine's; None if not measured."""
 
     env_steps_per_second: float
     sampling_env_steps_per_second: float | None = unsaid(None, null=True)
@@ -85,7 +85,7 @@ class Throughput(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class PretrainMeasured(Measured):
-    """What a training took."""
+    """Cost of a training."""
 
     wall_seconds: float
     peak_memory_mb: float | None = unsaid(None, null=True)

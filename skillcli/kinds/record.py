@@ -1,6 +1,6 @@
-"""Results as frozen dataclasses: one declaration says what is written as JSON, what may stand there, and what is read back.
+"""Results as frozen dataclasses: one declaration for writing JSON, checking it, and reading it.
 
-A field without a default must be there, null only where its type allows None. `unsaid` is for the others.
+A field without a default is required, and null only if its type allows None. `unsaid` declares the others.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ Interval = tuple[float, float]
 
 
 def point(xyz: Iterable[float]) -> Point:
-    """Three numbers of any array or list."""
+    """Convert any array or list to three numbers."""
     x, y, z = map(float, xyz)
     return x, y, z
 
 
 def unsaid(meaning: Any, *, null: bool = False) -> Any:
-    """A field that may be absent: an earlier skill did not say it, or there was nothing to say.
+    """Declare a field that may be missing: an earlier skill did not write it, or there was nothing to write.
 
     Args:
-        meaning: what absence means; None is written as absence.
-        null: whether null may stand there; None is then written as null.
+        meaning: value of a missing field; None is written as a missing field.
+        null: whether null is allowed; None is then written as null.
     """
     if isinstance(meaning, dict):
         return dataclasses.field(default_factory=lambda: dict(meaning), metadata={"null": null})
@@ -37,7 +37,7 @@ def unsaid(meaning: Any, *, null: bool = False) -> Any:
 
 
 def rest() -> Any:
-    """A field for all other keys: they are kept for the record, and nothing here reads them."""
+    """Declare a field for all other keys: they are stored, but not read."""
     return dataclasses.field(default_factory=dict, metadata={"rest": True})
 
 
@@ -45,18 +45,18 @@ class Slot(NamedTuple):
     """One key of a JSON object."""
 
     attribute: str
-    key: str  # the attribute; without its last underscore where that keeps it from being a word of Python
-    hint: Any  # type of what stands there, other than null
-    null: bool  # whether null may stand there
+    key: str  # the attribute; without a last underscore that avoids a Python keyword
+    hint: Any  # type of the value, other than null
+    null: bool  # whether null is allowed
     optional: bool
 
 
 @dataclass(frozen=True, kw_only=True)
 class Record:
-    """Part of what an artifact found out. Keys that no field names may stand there too, and are not read."""
+    """Part of an artifact's results. Further keys are allowed and not read."""
 
     def json(self) -> dict[str, Any]:
-        """As JSON; None is left out where null may not stand."""
+        """Convert to JSON; None is left out where null is not allowed."""
         found = {slot.key: _plain(getattr(self, slot.attribute)) for slot in slots(type(self)) if not self._left_out(slot)}
         more = rest_of(type(self))
         return {**found, **(getattr(self, more) if more else {})}
@@ -66,7 +66,7 @@ class Record:
 
     @classmethod
     def read(cls, found: Mapping[str, Any]) -> Self:
-        """From JSON that was checked; what is absent gets its meaning."""
+        """Read checked JSON; missing fields get their default."""
         own = slots(cls)
         values = {slot.attribute: reader(slot.hint)(found[slot.key]) for slot in own if slot.key in found}
         if more := rest_of(cls):
@@ -77,7 +77,7 @@ class Record:
 
 @dataclass(frozen=True, kw_only=True)
 class Origin(Record):
-    """What a migrated artifact was made from."""
+    """The original of a migrated artifact."""
 
     id: str
     content_sha256: str
@@ -86,13 +86,13 @@ class Origin(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Measured(Record):
-    """What differs from run to run and is not hashed."""
+    """Values that differ between equal runs and are not hashed."""
 
     migrated_from: Origin | None = unsaid(None)
 
 
 def slots(record: type[Record]) -> tuple[Slot, ...]:
-    """The keys of a record, in order."""
+    """Return the keys of a record, in order."""
     return _slots(cast(Any, record))
 
 
@@ -104,7 +104,7 @@ def _slots(record: Any) -> tuple[Slot, ...]:
 
 
 def rest_of(record: type[Record]) -> str:
-    """The field that takes all other keys, "" where there is none."""
+    """Return the field for all other keys, "" if there is none."""
     return next((each.name for each in dataclasses.fields(record) if "rest" in each.metadata), "")
 
 
@@ -116,7 +116,7 @@ def _slot(each: dataclasses.Field[Any], hint: Any) -> Slot:
 
 
 def without_none(hint: Any) -> tuple[Any, bool]:
-    """A type without None, and whether None was part of it."""
+    """Return a type without None, and whether None was part of it."""
     if get_origin(hint) not in (Union, types.UnionType):
         return hint, False
     inner = [each for each in get_args(hint) if each is not types.NoneType]
@@ -126,13 +126,13 @@ def without_none(hint: Any) -> tuple[Any, bool]:
 
 
 def is_record(hint: Any) -> bool:
-    """Whether a type is a record."""
+    """Return whether a type is a record."""
     return isinstance(hint, type) and issubclass(hint, Record)
 
 
 @cache
 def reader(hint: Any) -> Callable[[Any], Any]:
-    """How JSON becomes a value of a type: lists become tuples, objects records."""
+    """Return a function from JSON to a value of a type: lists become tuples, objects records."""
     inner, _ = without_none(hint)
     if is_record(inner):
         read: Callable[[Any], Any] = inner.read

@@ -1,4 +1,4 @@
-"""What a kind of artifact is: its schema, its parents, its arrays, its results and what has to agree in them."""
+"""`KindSpec`: schema, parents, arrays, results and checks of a kind of artifact."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ M = TypeVar("M", bound=Measured)
 
 
 class Stored(Protocol):
-    """What a kind needs to know of an artifact."""
+    """What a kind needs of an artifact."""
 
     @property
     def id(self) -> object:
@@ -34,33 +34,33 @@ class Stored(Protocol):
 
     @property
     def results(self) -> Mapping[str, Any]:
-        """What was found out, as JSON."""
+        """Results, as JSON."""
 
     @property
     def measured(self) -> Mapping[str, Any]:
-        """What differs from run to run, as JSON."""
+        """Values that differ between equal runs, as JSON."""
 
 
-LARGEST = 1e12  # of what is measured or drawn: metres, radians, seconds, rewards
+LARGEST = 1e12  # largest value: metres, radians, seconds, rewards
 
 
 @dataclass(frozen=True)
 class Values:
-    """What an array holds: the kind of its type ("f" floats, "i" signed integers, "b" booleans) and the range.
+    """Valid values of an array: its type ("f" floats, "i" signed integers, "b" booleans) and range.
 
-    Floats are finite unless `gaps` says that some may be missing.
+    Floats must be finite unless `gaps` allows missing ones.
     """
 
     kind: str = "f"
     low: float = -LARGEST
     high: float = LARGEST
     of: str = ""  # a dimension, as `sizes` names it, whose size bounds the values
-    margin: int = 0  # its size minus this is the largest
+    margin: int = 0  # the largest value is the size minus this
     gaps: bool = False
 
 
 def index(of: str, *, none: bool = False) -> Values:
-    """Positions along a dimension; -1 for none of them, where that may be."""
+    """Declare positions along a dimension; -1 for none, if allowed."""
     return Values("i", -1 if none else 0, of=of, margin=1)
 
 
@@ -83,7 +83,7 @@ class Field:
 
 
 def nothing_more(_arrays: Mapping[str, Array], _results: Mapping[str, Any], _sizes: Sizes) -> Iterator[str]:
-    """Of a kind in which nothing has to agree beyond types, ranges and shapes."""
+    """Check nothing, for a kind without rules beyond types, ranges and shapes."""
     yield from ()
 
 
@@ -94,12 +94,12 @@ class KindSpec(Generic[R, M]):
     Attributes:
         name: of the kind and of the stage that writes it; the second part of an id.
         version: of its schema.
-        fields: its arrays by pattern, the more special pattern first.
-        results: what was found out; part of the content hash.
-        measured: what differs from run to run, such as seconds.
-        made_from: the kinds that its one parent may have, the usual one first; empty where it has no parent.
-        check: what does not agree in arrays, results and sizes that have the right types, one line each.
-        migrations: from which version of the schema each function leads to the next.
+        fields: its arrays by pattern, more special patterns first.
+        results: type of the results; part of the content hash.
+        measured: type of the values that differ between equal runs, such as seconds.
+        made_from: allowed kinds of its one parent, the usual one first; empty if it has no parent.
+        check: yields contradictions in arrays, results and sizes that have valid types, one line each.
+        migrations: from a version of the schema to a function that leads to the next.
     """
 
     name: str
@@ -112,19 +112,19 @@ class KindSpec(Generic[R, M]):
     migrations: Mapping[int, Step] = field(default_factory=dict)
 
     def __str__(self) -> str:
-        """Its name."""
+        """Return the name."""
         return self.name
 
     def holds(self, folder: str) -> bool:
-        """Whether every artifact of this kind has arrays in a folder, such as "weights"."""
+        """Return whether every artifact of this kind has arrays in a folder, such as "weights"."""
         return any(pattern.startswith(f"{folder}/") and each.required for pattern, each in self.fields.items())
 
     def is_kind_of(self, artifact: Stored) -> bool:
-        """Whether an artifact is of this kind."""
+        """Return whether an artifact is of this kind."""
         return artifact.kind == self.name
 
     def results_of(self, artifact: Stored) -> R:
-        """What an artifact of this kind found out.
+        """Return the results of an artifact of this kind.
 
         Raises:
             StoreError: it is of another kind.
@@ -133,7 +133,7 @@ class KindSpec(Generic[R, M]):
         return self.results.read(artifact.results)
 
     def measured_of(self, artifact: Stored) -> M:
-        """What was measured on the way to an artifact of this kind.
+        """Return the measured values of an artifact of this kind.
 
         Raises:
             StoreError: it is of another kind.
@@ -147,11 +147,11 @@ class KindSpec(Generic[R, M]):
 
 
 def counted(what: str, found: list[Any], wanted: int) -> Iterator[str]:
-    """Complain about a list that has not as many entries as it should."""
+    """Report a list of the wrong length."""
     if len(found) != wanted:
         yield f"{what} has {len(found)} entries, expected {wanted}"
 
 
 def divided(arrays: Mapping[str, Array], path: str, parts: int) -> bool:
-    """Whether an array of indices names each of so many parts, in order."""
+    """Return whether an array of indices names each of so many parts, in order."""
     return np.array_equal(np.unique(arrays[path]), np.arange(parts)) and not (np.diff(arrays[path]) < 0).any()

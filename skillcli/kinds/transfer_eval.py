@@ -21,21 +21,21 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class SourceResults(Record):
-    """The same in the simulation that was planned on."""
+    """The same episodes in the simulation that was planned in."""
 
     success_rate: float
     episodes: int
     final_distance_m: float
     success_rate_within_limits: float | None = unsaid(None)
-    violations: Mapping[str, int] = unsaid({})  # episodes beyond each limit; none were known
+    violations: Mapping[str, int] = unsaid({})  # episodes that violate each limit; empty if unknown
 
 
 @dataclass(frozen=True, kw_only=True)
 class WorstEpisode(Record):
-    """An episode that ended far off."""
+    """An episode that ended far from its target."""
 
-    episode: int  # of the whole recording
-    final_distance_m: float | None  # None: its simulation came apart
+    episode: int  # number in the whole recording
+    final_distance_m: float | None  # None: its simulation diverged
     success: bool
     parameters: Mapping[str, float]
 
@@ -49,14 +49,14 @@ class Alone(Outcome):
 
 @dataclass(frozen=True, kw_only=True)
 class DomainResults(Outcome):
-    """One domain against the source."""
+    """One domain compared with the source."""
 
     name: str
     retention: float | None  # target success over source success; None where that is zero
     gap: float | None = unsaid(None)  # source success minus target success
     gap_ci95: Interval | None = unsaid(None)
     successes_within_limits: int | None = unsaid(None)
-    violations: Mapping[str, int] = unsaid({})  # episodes beyond each limit; none were known
+    violations: Mapping[str, int] = unsaid({})  # episodes that violate each limit; empty if unknown
     replay_error_m: Distances | None = unsaid(None)
     worst: tuple[WorstEpisode, ...] = unsaid(())  # the farthest first
     parameters: Mapping[str, str]
@@ -65,7 +65,7 @@ class DomainResults(Outcome):
 
 @dataclass(frozen=True, kw_only=True)
 class TargetRobot(Record):
-    """Another robot that episodes ran on."""
+    """Another robot that ran the episodes."""
 
     file: str
     fingerprint: str
@@ -74,7 +74,7 @@ class TargetRobot(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class TransferEvalResults(Record):
-    """What a transfer found out."""
+    """Results of a transfer."""
 
     source: SourceResults
     domains: tuple[DomainResults, ...]
@@ -84,7 +84,7 @@ class TransferEvalResults(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class TransferEvalMeasured(Measured):
-    """What planning again took."""
+    """Cost of replanning."""
 
     seconds_per_plan: float | None = unsaid(None)
 
@@ -116,7 +116,7 @@ def _check_domain(domain: Mapping[str, Any], total: int) -> Iterator[str]:
     if not 0 <= low <= domain["success_rate"] + _ROUNDING <= high + 2 * _ROUNDING <= 1 + 3 * _ROUNDING:
         yield f"the success rate {domain['success_rate']:g} and its interval {low:g} to {high:g} contradict each other"
     if not all(0 <= each["episode"] < total for each in domain.get("worst", ())):
-        yield "results.domains names an episode that there is not"
+        yield "results.domains names an episode that does not exist"
 
 
 TRANSFER_EVAL = KindSpec(

@@ -1,4 +1,4 @@
-"""The stages: each reads artifacts, works, and writes one artifact. They meet in the store and never call each other.
+"""The stages: each reads artifacts, works, and writes one artifact. They meet in the store and do not call each other.
 
-`chain` alone calls them, one after the other.
+Only `chain` calls them, one after another.
 """

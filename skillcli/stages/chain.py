@@ -1,4 +1,4 @@
-"""The whole chain of a recipe, from training to pictures; what is finished and unchanged is used again."""
+"""The whole chain of a recipe, from training to transfer; finished stages with unchanged inputs are reused."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from skillcli.tasks.world import World
 
 @dataclass(frozen=True)
 class Link:
-    """One stage of a chain, done."""
+    """One finished stage of a chain."""
 
     artifact: Artifact
     reused: bool
@@ -32,12 +32,12 @@ class Link:
 def run_chain(
     store: Store, recipe: Recipe, seed: int, name: str, command: str, on_progress: OnProgress = silent
 ) -> Iterator[Link]:
-    """Pretrain, embed-means, compose and transfer-eval as the recipe says, each yielded when it is there.
+    """Run pretrain, embed-means, compose and transfer-eval as the recipe says; yield each when it is finished.
 
     Raises:
-        SkillError: any of them fails; those before it stay.
+        SkillError: one of them fails; earlier ones are kept.
     """
-    request = Request.of(recipe, "", ())  # what is wrong with the last stages is said before the first
+    request = Request.of(recipe, "", ())  # errors of the last stages must show before the first begins
     find_domains(recipe.transfer.domains)
     world = World.of(recipe)
     found = finished(store, PRETRAIN, pretrain_inputs(recipe, world, seed), name, of_pretrain)

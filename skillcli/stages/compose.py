@@ -44,23 +44,23 @@ def compose(
 ) -> Artifact:
     """Plan latents that meet the waypoints, execute the plan where it was planned, and write a compose artifact.
 
-    A plan that breaks a safety limit there is no success.
+    A plan that violates a safety limit there has failed.
 
     Args:
-        store: where from and to.
+        store: to read from and write to.
         source_id: an embed-means or pretrain artifact.
         recipe: how to plan; the skills come from the source.
-        request: what to meet.
-        method: by its name.
+        request: waypoints to meet.
+        method: name of the method.
         command: as typed, for the record.
         name: first part of the new id; by default that of the source.
-        on_progress: called with where the planning stands.
-        seed: of methods that use chance, and of the robots that are drawn.
-        on: a domain, to plan on one robot drawn from it and to execute the plan there; empty for the simulation.
+        on_progress: called with the progress of planning.
+        seed: of random methods, and of drawn robots.
+        on: a domain, to plan and execute on one robot drawn from it; empty for the nominal simulation.
 
     Raises:
         UsageError: the method is unknown, or the recipe asks for other skills than the source holds.
-        SkillError: a composer came apart.
+        SkillError: training of a composer diverged.
         StoreError: the source cannot be read, or the store refuses.
     """
     spec = method_spec(method)
@@ -85,7 +85,7 @@ def compose(
     ]
     recording = Trajectories.join(recordings)
     met, broken = recording.success, locate_violations(plan, recording)
-    recording = recording.with_success(met & recording.within_limits)  # who plans may choose: a broken limit is no success
+    recording = recording.with_success(met & recording.within_limits)  # a planner can avoid a violation, so one is a failure
     tolerance = recipe.task.tolerance
     closest = [
         metrics.ordered_approach(path, waypoints, tolerance)
@@ -126,7 +126,7 @@ def compose(
 
 
 def _within(on_progress: OnProgress, done: int, total: int) -> OnProgress:
-    """A report of one route as part of all of them."""
+    """Report the progress of one route as part of all of them."""
     if total == 1:
         return on_progress
 
@@ -137,19 +137,19 @@ def _within(on_progress: OnProgress, done: int, total: int) -> OnProgress:
 
 
 def execute(library: Library, route: Sequence[Segment], waypoints: Array, robots: SampledRobots) -> Trajectories:
-    """Run the plan of one route from the start on one robot."""
+    """Execute the plan of one route from the start on one robot."""
     env = robots.make_env(library.world, 1)
     latent, skill = schedule(route)
     return rollout_waypoints(env, library.agent.act, latent[None], skill[None], [waypoints])
 
 
 def _violations(recording: Trajectories) -> dict[str, int]:
-    """Control steps beyond each limit that is broken, over all routes."""
+    """Count the control steps that violate each limit, over all routes."""
     return {limit: int(steps.sum()) for limit, steps in recording.violation_steps.items() if steps.any()}
 
 
 def _composer_arrays(planned: list[PlanResult]) -> dict[str, Array]:
-    """Weights and learning curves of each route's composer; routes are told apart only where there are several."""
+    """Collect weights and learning curves of each route's composer; only several routes get names."""
     arrays: dict[str, Array] = {}
     for route, found in enumerate(planned):
         below = f"route-{route + 1}/" if len(planned) > 1 else ""

@@ -1,4 +1,4 @@
-"""The mean latent of each skill, how well skills are separated, what means do, and means of two; what the map is worth."""
+"""Evaluate the mean latent of each skill and of pairs, the separation of skills, and the map from places to latents."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from skillcli.trajectories import Array, Trajectories
 
 
 def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | None = None) -> Artifact:
-    """Play the mean latent of each skill of a pretrain artifact, and the mean of neighbouring ones; write embed-means.
+    """Run the mean latent of each skill of a pretrain artifact, and the mean of neighbouring ones; write embed-means.
 
-    Neighbours are those with no other skill's goal between them. The first K trajectories are those of the skills. Where
-    mixtures of skills were trained, places between the goals are judged too.
+    Neighbours have no other skill's goal between them. The first K trajectories are those of the skills. If mixtures of
+    skills were trained, places between the goals are evaluated too.
 
     Raises:
         StoreError: the source cannot be read, or the store refuses.
@@ -79,7 +79,7 @@ def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | N
 
 
 def _halfway(names: tuple[str, ...], pairs: Array, recording: Trajectories) -> tuple[Halfway, ...]:
-    """What the mean of two neighbouring latents does, against going half-way between the two goals."""
+    """Compare the mean of two neighbouring latents with the point half-way between the two goals."""
     episodes = np.arange(recording.episodes)
     start, end = recording.achieved_goal[:, 0], recording.achieved_goal[episodes, recording.length]
     moved, wanted = end - start, recording.target - start

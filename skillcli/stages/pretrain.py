@@ -1,4 +1,4 @@
-"""Stage 1: train policy and skill embedding together, judge every skill, and keep all of it."""
+"""Stage 1: train policy and skill embedding together, evaluate every skill, and store everything."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ from skillcli.tasks.world import MAX_SIMULATIONS, World
 from skillcli.trajectories import Array, Trajectories
 
 CHECKPOINT_SECONDS = 30.0
-BARE_MEASUREMENTS = 30  # of the bare engine, spread over the run: both sides of the ratio see the same machine
+BARE_MEASUREMENTS = 30  # of the bare engine, spread over the run: both sides of the ratio see the same load
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What the skills are worth: row 0 of the samples is the mean latent, the others are drawn from p(z|t)."""
+    """Evaluated skills: row 0 of the samples is the mean latent, the others are drawn from p(z|t)."""
 
     latent: Array  # (K, 1+M, d)
     final_distance: Array  # (K, 1+M) m
@@ -72,19 +72,19 @@ def pretrain(
     """Train the skills of a recipe and write a pretrain artifact.
 
     Args:
-        store: where to.
+        store: to write to.
         recipe: what to train.
         seed: of everything random.
         name: first part of the new id.
         command: as typed, for the record.
-        resume: go on from the checkpoint of the same recipe, seed and name; without one, start anew.
+        resume: continue from the checkpoint of the same recipe, seed and name; without one, start a new training.
         threads: of the engine, 0 for all cores; the result does not depend on it.
-        on_progress: called with where the training stands.
+        on_progress: called with the progress of training.
 
     Raises:
         Interrupted: Ctrl-C; a checkpoint was kept.
         UsageError: a goal of the recipe cannot be reached, or an episode cannot start as it says.
-        SkillError: training came apart, or the store refuses.
+        SkillError: training diverged, or the store refuses.
     """
     offset = recipe.randomisation.ranges.get("object_offset")
     drawn = (0.0, *offset.values) if offset else (0.0,)  # at first nothing is drawn
@@ -102,7 +102,7 @@ def pretrain(
         spent = _resumed(learner, checkpoint, inputs) if resume and checkpoint.exists() else 0.0
         started = time.perf_counter()
 
-        def wall_seconds() -> float:  # of the whole training, without the yardstick itself
+        def wall_seconds() -> float:  # of the whole training, without measuring the bare engine
             return spent + time.perf_counter() - started - bare.seconds
 
         def save() -> None:
@@ -111,9 +111,9 @@ def pretrain(
 
         _train(learner, bare, recipe, on_progress, save, stop, command)
         wall = wall_seconds()
-        save()  # judging and writing may still be interrupted, or find the disk full
+        save()  # evaluation and writing may be interrupted, or the disk may be full
         if stop.requested:
-            raise _stopped("stopped after the training, before it was judged; the state is saved", command)
+            raise _stopped("stopped after training, before evaluation; the state is saved", command)
     evaluation = evaluate(recipe, world, learner.agent, seed, threads)
     randomised = evaluate_randomised(recipe, world, learner.agent, seed, threads)
     artifact = store.write(_draft(recipe, world, seed, name, command, learner, evaluation, randomised, bare.rate, wall))
@@ -122,10 +122,10 @@ def pretrain(
 
 
 def _resumed(learner: Learner, checkpoint: Path, inputs: str) -> float:
-    """Bring a learner to where a checkpoint was saved; returns the seconds spent before.
+    """Load a checkpoint into a learner; return the seconds spent before it.
 
     Raises:
-        StoreError: it cannot be read, or is not one of this training.
+        StoreError: it cannot be read, or belongs to another training.
     """
     arrays, state = load_checkpoint(checkpoint)
     try:
@@ -180,11 +180,11 @@ def _train(
 
 def _stopped(message: str, command: str) -> Interrupted:
     resumed = command if "--resume" in command or " pretrain " not in f" {command} " else f"{command} --resume"
-    return Interrupted(message, f"go on with: {resumed}")
+    return Interrupted(message, f"continue with: {resumed}")
 
 
 def evaluate(recipe: Recipe, world: World, agent: Agent, seed: int, threads: int = 0) -> Evaluation:
-    """Play the mean latent and sampled latents of every skill, deterministic, on the nominal robot."""
+    """Run the mean latent and sampled latents of every skill, deterministic, on the nominal robot."""
     samples = 1 + recipe.evaluation.latents
     mean, std = agent.embed()
     skills = len(mean)
@@ -209,7 +209,7 @@ def evaluate(recipe: Recipe, world: World, agent: Agent, seed: int, threads: int
 
 
 def evaluate_randomised(recipe: Recipe, world: World, agent: Agent, seed: int, threads: int = 0) -> Randomised | None:
-    """The mean latents where everything differs that differed in training, all at once; None where nothing did."""
+    """Run the mean latents with everything varied that training varied, all at once; None if nothing was varied."""
     ranges = recipe.randomisation.ranges
     if not ranges:
         return None
@@ -324,6 +324,6 @@ def _throughput(learner: Learner, bare_rate: float | None, wall: float) -> Throu
 
 
 def peak_memory_mb() -> float:
-    """Largest resident size of this process so far, in 10^6 bytes."""
+    """Return the largest resident size of this process so far, in 10^6 bytes."""
     unit = 1 if sys.platform == "darwin" else 1024  # macOS counts bytes, Linux kilobytes
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6

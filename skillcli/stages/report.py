@@ -1,4 +1,4 @@
-"""The report: what is in the store, beside what the paper reached, as one page and its figures."""
+"""Write the report: the artifacts of a store beside the paper's results, as one page and its figures."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from skillcli.viz.report.content import Missing, Origin, Page, RecipeText
 from skillcli.viz.report.figures import SLUGS, make_figures
 from skillcli.viz.report.selection import Material, select
 
-SUFFIXES = ("pdf", "png")  # of the files beside the page
+SUFFIXES = ("pdf", "png")  # of the figures beside the page
 
 
 @dataclass(frozen=True)
 class Reported:
-    """What was written."""
+    """The written files."""
 
     html: Path
     folder: Path
@@ -32,11 +32,11 @@ class Reported:
 
 
 def report(store: Store, ids: Sequence[ArtifactId], path: Path) -> Reported:
-    """Write a page about artifacts and what they were made from, and its figures into a folder beside it.
+    """Write a page about artifacts and their ancestors, and its figures into a folder beside it.
 
     Args:
-        store: where from.
-        ids: which; with none, the newest of every kind and name.
+        store: to read from.
+        ids: which artifacts; with none, the newest of every kind and name.
         path: the page; figures go to NAME_figures beside it.
 
     Raises:
@@ -64,7 +64,7 @@ def report(store: Store, ids: Sequence[ArtifactId], path: Path) -> Reported:
 
 
 def _check_place(path: Path) -> None:
-    """Refuse before the work where a page could not be written."""
+    """Refuse before the work a path that cannot be written."""
     if path.is_dir():
         raise SkillError(f"cannot write {path}: it is a folder", "give the name of a file, such as report.html")
     if not path.parent.is_dir():
@@ -72,7 +72,7 @@ def _check_place(path: Path) -> None:
 
 
 def _write(folder: Path, files: Mapping[Path, bytes]) -> None:
-    """Write page and figures, all or none, and take away figures that an earlier report drew and this one did not."""
+    """Write page and figures, all or none, and remove figures of an earlier report that this one lacks."""
     new = not folder.exists()
     try:
         folder.mkdir(exist_ok=True)
@@ -107,7 +107,7 @@ def _origin(artifact: Artifact) -> Origin:
 
 
 def _recipes(material: Material) -> list[RecipeText]:
-    """Every recipe once, with the artifacts that it made."""
+    """List every recipe once, with the artifacts made from it."""
     by_hash: dict[str, list[Artifact]] = {}
     for exhibit in material.exhibits:
         by_hash.setdefault(exhibit.artifact.recipe_sha256, []).append(exhibit.artifact)
@@ -118,7 +118,7 @@ def _recipes(material: Material) -> list[RecipeText]:
 
 
 def as_toml(recipe: Mapping[str, Any]) -> str:
-    """A recipe as a file that `skill pretrain` takes; values that are not set are left out."""
+    """Write a recipe as a file for `skill pretrain`; unset values are left out."""
     plain = {key: value for key, value in recipe.items() if not isinstance(value, dict)}
     parts = ["\n".join(_line(key, value) for key, value in plain.items() if value is not None)]
     for key, section in recipe.items():

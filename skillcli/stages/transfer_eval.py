@@ -38,26 +38,26 @@ def transfer_eval(
     robot: Robot | None = None,
     sensitivity: bool = False,
 ) -> Artifact:
-    """Run closed loop on target domains, with parameters drawn anew per episode, and write a transfer-eval artifact.
+    """Run closed loop on target domains, with new parameters for every episode, and write a transfer-eval artifact.
 
-    A domain in which every episode would be the same is played once for each route or skill.
+    If all episodes of a domain are the same, one is run for each route or skill.
 
     Args:
-        store: where from and to.
-        source_id: a compose artifact, or embed-means or pretrain to judge the bare skills.
-        recipe: whether and how to plan again on the way.
+        store: to read from and write to.
+        source_id: a compose artifact, or embed-means or pretrain to evaluate bare skills.
+        recipe: whether and how to plan again during an episode.
         domains: presets by name, or files.
-        episodes: per domain that draws anything; the first of more are the same.
-        seed: of the drawn parameters; the same episodes for every composition.
+        episodes: per random domain; more episodes begin with the same ones.
+        seed: of the drawn parameters; every composition meets the same episodes.
         command: as typed, for the record.
         name: first part of the new id; by default that of the source.
-        on_progress: called with where the evaluation stands.
-        robot: the model that episodes run on, the source's by default; planning again stays on the source's.
+        on_progress: called with the progress of the evaluation.
+        robot: the model that runs the episodes, the source's by default; replanning simulates the source's.
         sensitivity: whether to run every domain again with each of its parameters alone.
 
     Raises:
         UsageError: a domain is unknown, two have the same name, the recipe asks for other skills than the source holds, the
-            robot does not fit the task, or the source holds no plan that could be made again.
+            robot does not fit the task, or the source holds no plan that could be replanned.
         StoreError: the source cannot be read, or the store refuses.
     """
     found = find_domains(domains)
@@ -71,7 +71,7 @@ def transfer_eval(
     world = library.world if robot is None else library.world.on(robot)
     trial, once = TransferEvaluator(library, seed, world, replanner), EpisodeSchedule.of(source, library)
     trial.check()
-    # nothing goes on by chance in the source: one episode of each route or skill says it all
+    # nothing is random in the source: one episode of each route or skill is enough
     reference = TransferEvaluator(library, seed, library.world).run(once, NOMINAL)
     rate, rounds = float(reference.success.mean()), _Rounds(trial, once, on_progress)
     targets = [target.first(rounds.count(target)) for target in drawn]
@@ -121,14 +121,14 @@ def transfer_eval(
 def _replanner(library: Library, recipe: Recipe, source: Artifact) -> Replanner:
     if not COMPOSE.is_kind_of(source):
         raise UsageError(
-            f"{source.id} holds no plan that could be made again on the way", "give a compose artifact, or leave --replan out"
+            f"{source.id} holds no plan, so there is nothing to plan again", "give a compose artifact, or leave --replan out"
         )
     return Replanner(library, recipe, COMPOSE.results_of(source).method)
 
 
 @dataclass
 class _Rounds:
-    """Episodes on one target after the other, counted over all of them."""
+    """Runs episodes on one target after another, and counts them."""
 
     trial: TransferEvaluator
     once: EpisodeSchedule  # one episode of each route or skill
@@ -138,15 +138,15 @@ class _Rounds:
     success: dict[str, float] = field(default_factory=dict)  # by target, so far
 
     def count(self, target: TargetRobots) -> int:
-        """How many of a target's episodes are worth playing: what repeats is played once."""
+        """Return how many of a target's episodes to run: equal ones run once."""
         return min(target.episodes, self.once.episodes) if target.repeats else target.episodes
 
     def expect(self, targets: Sequence[TargetRobots]) -> None:
-        """Say what will be played."""
+        """Set the total number of episodes."""
         self.total = sum(self.count(target) for target in targets)
 
     def play(self, target: TargetRobots, what: str) -> Trajectories:
-        """All episodes of a target."""
+        """Run all episodes of a target."""
         before, count = self.done, self.count(target)
 
         def on_episode(episode: int, _: int) -> None:

@@ -1,4 +1,4 @@
-"""An artifact made visible: a recording for the viewer, and a figure."""
+"""Show an artifact: a recording for the viewer, and a figure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from skillcli.viz.loading import scene_of
 
 
 def record(store: Store, artifact_id: ArtifactId, path: Path, picture: Path | None = None) -> list[str]:
-    """Write a rerun recording of an artifact and, where asked for, a figure, both or none; returns the recording's entities."""
+    """Write a rerun recording of an artifact and, if asked for, a figure, both or none; return the recording's entities."""
     from skillcli.viz import recording  # rerun is slow to import
 
     scene = scene_of(store, artifact_id)
@@ -24,7 +24,7 @@ def record(store: Store, artifact_id: ArtifactId, path: Path, picture: Path | No
 
 
 def draw(store: Store, artifact_id: ArtifactId, path: Path) -> None:
-    """Write a figure of an artifact, as PNG, PDF or SVG by the suffix."""
+    """Draw a figure of an artifact as PNG, PDF or SVG, by the suffix."""
     from skillcli.viz.figures import figure  # matplotlib is slow to import
 
     figure(scene_of(store, artifact_id), path)

@@ -1,1 +1,1 @@
-"""Tasks, one room each, and the registry of them."""
+"""Tasks, one folder each, and their registry."""

@@ -1,4 +1,4 @@
-"""Checks of goals that the tasks of an arm share."""
+"""Checks of goals shared by the arm tasks."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ def check_in_reach(task: ArmTask, robot: Robot, goal: Array) -> None:
 
 
 def typed(goal: Array) -> str:
-    """A place as it is typed."""
+    """Write a position as it is typed."""
     return ",".join(f"{x:g}" for x in goal)
 
 
 def listed(numbers: Array) -> str:
-    """A point in brackets."""
+    """Write a point in brackets."""
     return "(" + ", ".join(f"{x:g}" for x in numbers) + ")"
 
 
 def bounds(points: Array) -> str:
-    """The lowest and the highest corner of points (n, d)."""
+    """Write the lowest and the highest corner of points (n, d)."""
     return " .. ".join(listed(corner) for corner in (points.min(axis=0), points.max(axis=0)))

@@ -1,4 +1,4 @@
-"""Where goals and starts lie on an arm that a task was not written for: the same shape, as large as the arm can hold it."""
+"""Place goals and starts on other arms than the default one: the same shape, as large as the arm can reach."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from skillcli.errors import UsageError
 from skillcli.robots.config import DEFAULT_ROBOT, blaming, describe_robot
 from skillcli.robots.robot import Robot
 
-SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3)  # of the task's size, after it was scaled to the arm's reach
-ROOM = 1.15  # places this much farther from the middle must be within reach too
-SPEED_SHARE = 0.95  # of a joint's largest speed that commands ask for at most
+SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3)  # of the task's size, after scaling to the arm's reach
+ROOM = 1.15  # places farther from the middle by this factor must be within reach too
+SPEED_SHARE = 0.95  # share of a joint's largest speed that commands may ask for
 
 
 def relative_reach(robot: Robot) -> float:
-    """How far an arm reaches, as a share of what the arm does that the tasks were written for."""
+    """Return the reach of an arm, as a share of the reach of the tasks' default arm."""
     own = describe_robot(DEFAULT_ROBOT).workspace
     assert own is not None
     return robot.workspace.reach / own.reach
 
 
 def given_start(given: Mapping[str, Any], robot: Robot, of_file: Sequence[float] | None) -> tuple[float, ...] | None:
-    """The start that a recipe gives, else the one of the robot's file, (n,) rad; None where neither does.
+    """Return the start from the recipe, else from the robot's file, (n,) rad; None without both.
 
     Raises:
-        UsageError: it is not one of this arm.
+        UsageError: it does not fit the arm.
     """
     start = given.get("start") or of_file
     if not start:
@@ -38,13 +38,13 @@ def given_start(given: Mapping[str, Any], robot: Robot, of_file: Sequence[float]
 
 
 def largest_action(robot: Robot, usual: float, period: float) -> float:
-    """Largest joint increment for each control step, rad: the usual one, or what the slowest joint can follow."""
+    """Return the largest joint increment per control step, rad: the usual one, or less if the slowest joint cannot follow."""
     slowest = float(np.min(robot.speed_limit))
     return min(usual, float(np.floor(SPEED_SHARE * slowest * period * 1000) / 1000)) if np.isfinite(slowest) else usual
 
 
 def no_place(robot: Robot, task: str, keys: str) -> UsageError:
-    """The error of a task that an arm has no room for."""
+    """Make the error for a task without room on an arm."""
     return UsageError(
         f"no place for the {task} task was found on {robot.name!r}, which reaches {robot.workspace.reach:.2f} m",
         f"give {keys} in the recipe; `skill robots show` prints where the gripper can be",

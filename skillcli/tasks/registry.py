@@ -1,6 +1,6 @@
-"""Which tasks there are: those that come along, and those of users.
+"""The known tasks: bundled ones and the user's.
 
-A new task of ours is one room beside this file and one line here. A task of a user is a Python file that a recipe names,
+A new bundled task is one folder beside this file and one line here. A user's task is a Python file that a recipe names,
 `task.module = "my_task.py"`, or an installed package with an entry point in the group `skillcli.tasks`; both hold a
 `TaskSpec` named TASK.
 """
@@ -27,12 +27,12 @@ _OF_USERS: dict[str, TaskSpec] = {}  # by name, loaded from files
 
 
 def task_names() -> list[str]:
-    """Names of all tasks that are known here."""
+    """List the names of all known tasks."""
     return [*ROOMS, *sorted(_installed()), *sorted(_OF_USERS)]
 
 
 def find_task(name: str) -> TaskSpec:
-    """A task by its name.
+    """Return a task by name.
 
     Raises:
         UsageError: there is none.
@@ -58,7 +58,7 @@ def _installed() -> dict[str, importlib.metadata.EntryPoint]:
 
 
 def source_digest(path: Path) -> str:
-    """SHA-256 of the Python file of a task.
+    """Hash the Python file of a task with SHA-256.
 
     Raises:
         UsageError: it cannot be read.
@@ -71,10 +71,10 @@ def source_digest(path: Path) -> str:
 
 
 def load_task(path: Path, digest: str) -> TaskSpec:
-    """The task of a Python file with this SHA-256; from now on `find_task` knows it, and `ran_here` the file.
+    """Load the task of a Python file with this SHA-256; afterwards `find_task` knows it, and `ran_here` the file.
 
     Raises:
-        UsageError: the file cannot be run, or holds no task, or one with the name of another.
+        UsageError: the file fails, or holds no task, or one with the name of another.
     """
     name = f"skillcli_task_{digest[:16]}"
     if name not in sys.modules:
@@ -84,7 +84,7 @@ def load_task(path: Path, digest: str) -> TaskSpec:
         raise UsageError(f"task.module {path.name}: there is a task {spec.name!r} already", "give it a name of its own")
     _OF_USERS[spec.name] = spec
     if not ran_here(digest):
-        with suppress(OSError, RuntimeError):  # no home at all
+        with suppress(OSError, RuntimeError):  # there may be no home folder
             _ran_list().parent.mkdir(parents=True, exist_ok=True)
             with _ran_list().open("a", encoding="ascii") as listed:
                 listed.write(f"{digest}\n")
@@ -92,7 +92,7 @@ def load_task(path: Path, digest: str) -> TaskSpec:
 
 
 def ran_here(digest: str) -> bool:
-    """Whether a task's file with this SHA-256 ran on this account before: artifacts alone run nothing."""
+    """Return whether a task's file with this SHA-256 ran on this account before: artifacts alone never run one."""
     with suppress(OSError, RuntimeError, UnicodeDecodeError):
         return digest in _ran_list().read_text(encoding="ascii").split()
     return False
@@ -107,7 +107,7 @@ def _run(path: Path, name: str) -> Any:
     if spec is None or spec.loader is None:
         raise UsageError(f"task.module: {path.name} is no Python file", "its name has to end in .py")
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses and pydantic look their module up
+    sys.modules[name] = module  # dataclasses and pydantic look up their module
     try:
         spec.loader.exec_module(module)
     except Exception as error:
@@ -126,5 +126,5 @@ def _checked(spec: Any, what: str) -> TaskSpec:
 
 
 def cost_to_go(task: Any) -> Any:
-    """What planners count as left to go, see `TaskSpec`."""
+    """Return the cost that planners use, see `TaskSpec`."""
     return find_task(task.name).cost_to_go(task)

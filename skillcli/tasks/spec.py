@@ -1,4 +1,4 @@
-"""A task as a value: what it is for, its settings, its environment, its goals, and what planners and pictures need of it."""
+"""`TaskSpec`: a task as a value, with settings, environment, goals, and what planners and figures need of it."""
 
 from __future__ import annotations
 
@@ -12,48 +12,48 @@ from skillcli.robots.robot import Robot
 from skillcli.simulation.environment import Array, Environment, ObservationTerm
 from skillcli.simulation.settings import TaskSettings
 
-# Routes from the start, each of waypoints in order: goals as they are typed.
+# Routes from the start, each with waypoints in order: goals as they are typed.
 Route = tuple[tuple[float, ...], ...]
 
 
 class TaskEnvironment(Protocol):
-    """What the class of a task's environment offers beside its simulations."""
+    """What the class of a task's environment offers besides its simulations."""
 
     privileged_terms: tuple[ObservationTerm, ...]
-    recorded: Mapping[str, int]  # fields of a recording beside the joints, and how many numbers each has
+    recorded: Mapping[str, int]  # recorded fields besides the joints, and the size of each
 
     def __call__(
         self, task: Any, robot: Robot, goals: Array, num_envs: int, threads: int = 0, delay: bool = False
     ) -> Environment:
-        """N simulations; see `ArmEnvironment`."""
+        """Make N simulations; see `ArmEnvironment`."""
 
     def observation_terms(self, task: Any, joints: int) -> tuple[ObservationTerm, ...]:
-        """What the policy sees, in order, on an arm with this many joints."""
+        """Return the terms of the observation in order, on an arm with this many joints."""
 
     def scene(self, task: Any, robot: Robot, delay: bool = False) -> mujoco.MjSpec | None:
-        """The scene, None for a task that no engine simulates."""
+        """Build the scene; None if no engine simulates the task."""
 
 
 def no_check(*_: Any) -> None:
-    """Refuse nothing."""
+    """Accept everything."""
 
 
 def straight_distance(_: Any) -> None:
-    """Nothing but the distance is left to go."""
+    """Return None: only the straight distance counts."""
 
 
 @dataclass(frozen=True, eq=False)
 class FigureSettings:
-    """What to draw of a task, and how.
+    """How figures show a task.
 
     Attributes:
-        planes: pairs of axes that its space is drawn in, 0 x, 1 y, 2 z.
-        achieved: what is judged, in a word.
-        unit: of distances, and how many of it are a metre.
-        latent_sigmas: standard deviations at which ellipses are drawn in the latent space.
+        planes: pairs of axes of its maps, 0 x, 1 y, 2 z.
+        achieved: the achieved goal, in a word.
+        unit: of distances, and how many of it make a metre.
+        latent_sigmas: standard deviations of the ellipses in the latent space.
         action_unit: of the norm of an action.
         goal_size: numbers of a goal as it is typed.
-        goals_from_start: whether goals are typed as seen from where what is judged starts.
+        goals_from_start: whether goals are typed relative to the start of the achieved goal.
     """
 
     planes: tuple[tuple[int, int], ...] = ((0, 1), (0, 2))
@@ -67,26 +67,26 @@ class FigureSettings:
 
 @dataclass(frozen=True, eq=False)
 class TaskSpec:
-    """A task. A new one is a `TaskSpec` in a room of its own, or in a file of a user.
+    """A task. A new one is a `TaskSpec` in a folder of its own, or in a user's file.
 
     Attributes:
         name: as recipes name it.
         description: in one line.
-        settings: the recipe's section `task`.
-        environment: gives the class of its environment; called when one is needed first, since engines are slow to import.
-        place_goal: from a goal as it is typed to where it is, (3,) m.
-        example: of a goal as it is typed.
-        check_goal: refuses a goal (3,) m that cannot be reached whatever the skills, for settings, robot and goal.
-        check_start: refuses starts that make no sense, for settings and how far off an object may start, from and to, m.
+        settings: type of the recipe's section `task`.
+        environment: returns the class of its environment; called late, since engines are slow to import.
+        place_goal: converts a typed goal to its place, (3,) m.
+        example: of a typed goal.
+        check_goal: refuses a goal (3,) m that no skill can reach, for settings, robot and goal.
+        check_start: refuses invalid starts, for settings and how far an object may be moved, from and to, m.
         compositions: named routes.
-        chains: named chains through skills by number, for interpolation.
-        cost_to_go: what planners count as left to go, for settings, see `composition.route.CostToGo`; None where the straight
-            distance says it all.
-        uses_robot: whether an arm is in it.
+        chains: named chains of skills by number, for interpolation.
+        cost_to_go: cost that planners use, for settings, see `composition.route.CostToGo`; returns None if the straight
+            distance is enough.
+        uses_robot: whether an arm takes part.
         placed: keys of the section `task` that `place` fills in.
-        place: what a recipe leaves open of the section `task` on another robot than the one that the defaults lie around: from
-            what it says of the section, and the robot. By default the robot's start alone.
-        drawing: what to draw, and how.
+        place: fills in open keys of the section `task` on another robot than the default one, from the given keys and the
+            robot; by default only the robot's start.
+        figure_settings: how figures show it.
     """
 
     name: str

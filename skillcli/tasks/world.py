@@ -1,4 +1,4 @@
-"""A task on a robot: everything that can be simulated, and all that is asked of the two together."""
+"""`World`: a task on a robot, with its simulations, goals and checks."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from skillcli.tasks.goals import typed
 from skillcli.tasks.registry import find_task
 from skillcli.tasks.spec import TaskSpec
 
-MAX_SIMULATIONS = 1024  # side by side, where there may be any number of episodes: the rest comes after, memory is bounded
+MAX_SIMULATIONS = 1024  # in one batch: more episodes are simulated in several batches, to limit memory
 
 
 class WorldRecipe(Protocol):
@@ -28,7 +28,7 @@ class WorldRecipe(Protocol):
 
     @property
     def task(self) -> TaskSettings:
-        """What the skills are for."""
+        """Settings of the task."""
 
     @property
     def robot(self) -> str:
@@ -44,7 +44,7 @@ class World:
 
     @staticmethod
     def of(recipe: WorldRecipe) -> World:
-        """What a recipe is about.
+        """Return the world of a recipe.
 
         Raises:
             UsageError: its robot cannot be read.
@@ -53,14 +53,14 @@ class World:
 
     @cached_property
     def spec(self) -> TaskSpec:
-        """What the task is."""
+        """Return the spec of the task."""
         return find_task(self.task.name)
 
     def on(self, robot: Robot) -> World:
-        """The same task on another robot, from the start of that one where its file names one.
+        """Return the same task on another robot, with that robot's start if its file names one.
 
         Raises:
-            UsageError: there is no arm in the task.
+            UsageError: the task has no arm.
         """
         if not self.spec.uses_robot:
             raise UsageError(f"the {self.task.name} task has no robot to replace", "it is simulated without an arm")
@@ -69,7 +69,7 @@ class World:
         return replace(self, task=self.task.model_copy(update={"start": own or started}), robot=robot)
 
     def make_env(self, num_envs: int, threads: int = 0, delay: bool = False) -> Environment:
-        """N simulations.
+        """Make N simulations.
 
         Args:
             num_envs: simulations.
@@ -88,14 +88,13 @@ class World:
         return env
 
     def make_randomized_env(self, skill: Array, parameters: Mapping[str, Array], rng: Rng, threads: int = 0) -> Environment:
-        """N simulations at the start, each a robot of its own.
+        """Make N simulations at the start, each with parameters of its own.
 
         Args:
             skill: (N,) index of the goal of each.
-            parameters: what differs between them, (N,) or (N, n) by name, see `skillcli.config.randomization`; nothing where
-                empty.
-            rng: of what goes on by chance in them, sensor noise and pushes; one for all, or one for each.
-            threads: as for `make_env`.
+            parameters: (N,) or (N, n) by name, see `skillcli.config.randomization`; may be empty.
+            rng: of sensor noise and disturbances; one for all, or one each.
+            threads: see `make_env`.
         """
         env = self.make_env(len(skill), threads, "latency" in parameters)
         randomize_and_reset(env, skill, parameters, rng)
@@ -103,51 +102,51 @@ class World:
 
     @property
     def joints(self) -> int:
-        """Joints of the robot, J."""
+        """Return the joint count of the robot, J."""
         return self.robot.joint_count
 
     @property
     def sizes(self) -> tuple[int, int, int]:
-        """Sizes of observation, action and of what only the value function sees, without a simulation."""
+        """Return the sizes of observation, action and privileged observation, without a simulation."""
         return sizes(self.task, self.joints)
 
     @property
     def observation_terms(self) -> tuple[ObservationTerm, ...]:
-        """What the policy sees, in order."""
+        """Return the terms of the observation in order."""
         return self.spec.environment().observation_terms(self.task, self.joints)
 
     def model(self) -> mujoco.MjModel | None:
-        """The MuJoCo model, None where no engine simulates the task."""
+        """Compile the MuJoCo model; None if no engine simulates the task."""
         scene = self.spec.environment().scene(self.task, self.robot)
         return None if scene is None else scene.compile()
 
     @cached_property
     def fingerprint(self) -> str:
-        """SHA-256 of the scene; empty where no engine simulates the task."""
+        """Hash the scene with SHA-256; empty if no engine simulates the task."""
         scene = self.spec.environment().scene(self.task, self.robot)
         return "" if scene is None else fingerprint(scene)
 
     @property
     def goals(self) -> Array:
-        """Where the skills should end, (K, 3) m."""
+        """Return the goals of the skills, (K, 3) m."""
         return skill_goals(self.task)
 
     def place_goal(self, goal: Sequence[float]) -> list[float]:
-        """Where a goal is, (3,) m, from how it is typed; see `place_goal`."""
+        """Convert a typed goal to its place, (3,) m; see `place_goal`."""
         return place_goal(self.task, goal)
 
     def check_goal(self, goal: Array) -> None:
-        """Refuse a goal (3,) m that cannot be reached whatever the skills.
+        """Refuse a goal (3,) m that no skill can reach.
 
         Raises:
-            UsageError: it is not finite, too far away, or where nothing can be.
+            UsageError: it is not finite, too far away, or inside something.
         """
         if not np.isfinite(goal).all():
             raise UsageError(f"goal {typed(goal)} is not finite", f"give metres, for example --goal {self.spec.example}")
         self.spec.check_goal(self.task, self.robot, goal)
 
     def check_start(self, low: float, high: float) -> None:
-        """Refuse starts that make no sense where an object starts from `low` to `high` m off in x and y.
+        """Refuse starts of an object that is moved `low` to `high` m in x and y, if they are invalid.
 
         Raises:
             UsageError: it may start where there is no room.
@@ -155,7 +154,7 @@ class World:
         self.spec.check_start(self.task, low, high)
 
     def named_routes(self, name: str) -> tuple[Array, ...]:
-        """The routes of a named composition, (W, 3) m each.
+        """Return the routes of a named composition, (W, 3) m each.
 
         Raises:
             UsageError: this task has no composition of that name.
@@ -169,14 +168,14 @@ class World:
 
 
 def randomize_and_reset(env: Environment, skill: Array, parameters: Mapping[str, Array], rng: Rng) -> None:
-    """Make simulations the robots of `parameters`, and put them at the start; see `World.make_randomized_env`."""
+    """Give simulations the `parameters`, and put them at the start; see `World.make_randomized_env`."""
     if parameters:
         env.randomize(parameters, rng)
     env.reset(np.arange(len(skill)), skill)
 
 
 def sizes(task: TaskSettings, joints: int) -> tuple[int, int, int]:
-    """Sizes of observation, action and of what only the value function sees, with an arm of this many joints."""
+    """Return the sizes of observation, action and privileged observation, on an arm with this many joints."""
     spec = find_task(task.name)
     environment = spec.environment()
     observation = sum(term.size for term in environment.observation_terms(task, joints))
@@ -185,24 +184,24 @@ def sizes(task: TaskSettings, joints: int) -> tuple[int, int, int]:
 
 
 def recorded(task: TaskSettings, joints: int) -> dict[str, int]:
-    """Fields that a recording has of this task, and how many numbers each of them has at a moment."""
+    """Return the fields in a recording of this task, and the size of each."""
     spec = find_task(task.name)
     arm = {"joint_position": joints} if spec.uses_robot else {}
     return {**arm, **spec.environment().recorded}
 
 
 def skill_goals(task: TaskSettings) -> Array:
-    """Where the task's skills should end, (K, 3) m."""
+    """Return the goals of the task's skills, (K, 3) m."""
     return np.array([place_goal(task, goal) for goal in task.goals])
 
 
 def place_goal(task: TaskSettings, goal: Sequence[float]) -> list[float]:
-    """Where a goal is, (3,) m, from how it is typed for a task.
+    """Convert a typed goal of a task to its place, (3,) m.
 
     Raises:
         UsageError: it has the wrong number of coordinates.
     """
-    wanted, spec = len(task.goals[0]), find_task(task.name)  # every goal of a recipe is typed as long
+    wanted, spec = len(task.goals[0]), find_task(task.name)  # every goal of a recipe is typed with as many numbers
     if len(goal) != wanted:
         raise UsageError(
             f"a goal of the {task.name} task has {wanted} numbers, got {len(goal)}", f"for example --goal {spec.example}"

@@ -193,7 +193,7 @@ def test_removing_goes_from_the_end_of_the_chain(copy: Path) -> None:
 
 def test_without_an_id_the_newest_that_fits_is_taken_and_named(copy: Path) -> None:
     result = skill("--store", copy, "embed-means")
-    assert result.code == 0 and "taking tiny/pretrain-v1" in result.err and "tiny/embed-means-v2" in result.out
+    assert result.code == 0 and "using tiny/pretrain-v1" in result.err and "tiny/embed-means-v2" in result.out
     assert "taking" not in skill("--store", copy, "--quiet", "show").err
 
 
@@ -242,9 +242,9 @@ def test_the_point_has_no_robot_to_replace(tmp_path: Path, replan: tuple[str, ..
 def test_a_plan_that_breaks_a_limit_is_told_with_what_to_do(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("skillcli.tasks.world.load_robot", lambda _: replace(SAWYER, speed_limit=np.full(7, 0.01)))
     told = skill("--store", copy, "compose", "tiny/embed-means", "--method", "sequence", "--plan", "1:0.2")
-    assert told.code == 0 and "no success" in told.out and "breaks joint_speed in route 1 for" in told.out
+    assert told.code == 0 and "failed, ends" in told.out and "violates joint_speed in route 1 for" in told.out
     said = " ".join(told.err.split())
-    assert "breaks a safety limit" in said and "viz tiny/compose-v2 --open` shows it" in said
+    assert "violates a safety limit" in said and "viz tiny/compose-v2 --open` shows it" in said
 
 
 def test_finished_stages_are_used_again_until_an_input_changes(chain: Path, copy: Path) -> None:

@@ -212,7 +212,7 @@ def test_a_request_during_the_last_save_is_not_lost(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(pretrain, "save_checkpoint", asked)
     words = ("pretrain", "smoke", *TINY_SET)
     stopped = skill("--store", tmp_path, "--json", *words)
-    assert stopped.code == 130 and "before it was judged" in stopped.json["error"]["message"]
+    assert stopped.code == 130 and "before evaluation" in stopped.json["error"]["message"]
     monkeypatch.undo()
     assert made("--store", tmp_path, *words, "--resume")["id"] == "smoke/pretrain-v1"
 
@@ -286,7 +286,7 @@ def test_strangers_in_a_store_are_named_and_pictures_of_a_run_are_none(store: Pa
 def test_a_folder_that_is_gone_under_ones_feet_is_said(tmp_path: Path) -> None:
     line = f"mkdir gone && cd gone && rmdir ../gone && {shlex.join([*COMMAND, 'ls'])}"
     done = subprocess.run(["sh", "-c", line], capture_output=True, text=True, cwd=tmp_path, timeout=60)
-    assert done.returncode == 1 and "is gone" in done.stderr and "cd to one" in done.stderr
+    assert done.returncode == 1 and "no longer exists" in done.stderr and "cd to an existing" in done.stderr
 
 
 def test_doctor_leaves_no_folder(tmp_path: Path) -> None:
@@ -310,5 +310,5 @@ FAILURES: Sequence[tuple[Exception, str, str]] = (
 
 @pytest.mark.parametrize(("error", "message", "hint"), FAILURES)
 def test_failures_of_disk_and_machine_have_their_names(error: Exception, message: str, hint: str) -> None:
-    said = trouble.told(error)
+    said = trouble.explain(error)
     assert message in said[0] and hint in said[1]

@@ -89,9 +89,9 @@ def test_every_way_to_write_a_range_is_read_stored_and_told(toml: str, expected:
         ("position_offset = { values = [0.1, 0.1] }", "position_offset has 3 values in each episode, got 2"),
         ("gain = { uniform = ['0.5', '1.5'] }", "number"),
         ("gian = 1.5", "no parameter 'gian', did you mean 'gain'"),
-        ("joint_drift = 0.01", "joint_drift says nothing without drift_time"),
-        ("drift_time = 1.0", "drift_time says nothing without joint_drift or position_drift"),
-        ("push_rate = 1.0", "push_rate says nothing without arm_push or object_push"),
+        ("joint_drift = 0.01", "joint_drift has no effect without drift_time"),
+        ("drift_time = 1.0", "drift_time has no effect without joint_drift or position_drift"),
+        ("push_rate = 1.0", "push_rate has no effect without arm_push or object_push"),
         (f"gain = {10**400}", "number"),
     ],
 )

@@ -258,7 +258,7 @@ def test_who_gave_up_is_told_below_the_table() -> None:
     more = {**told, "retention": None, "parameters": {}}
     counts: list[tuple[str, dict[str, int]]] = [("mild", {"gave_up": 0}), ("odd", {"gave_up": 2}), ("old", {})]
     rows = [DomainResults.read({**more, "name": name, **count}) for name, count in counts]
-    assert _gave_up(rows) == ["gave up: odd in 2 of 20 episodes; no latent that was tried led near the goal in time"]
+    assert _gave_up(rows) == ["gave up: odd in 2 of 20 episodes; no latent led close enough to the goal in time"]
     assert _gave_up(rows[:1]) == []
 
 

@@ -1,4 +1,4 @@
-"""The point task: a position in the plane, moved by velocity. The test bed of the method, without physics."""
+"""The point task: a position in the plane, moved by velocity. It tests the method without physics."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from skillcli.simulation.chance import Chance, Rng
 from skillcli.simulation.environment import Array, ObservationTerm, StateEstimate, Step
 from skillcli.tasks.point.settings import PointTask
 
-SMALLEST = 1e-12  # gain by which a move is divided: at none at all nothing moves, and nothing is held back
+SMALLEST = 1e-12  # smallest gain to divide by: with zero gain nothing moves
 
 
 class PointEnvironment:
@@ -32,7 +32,7 @@ class PointEnvironment:
     def __init__(
         self, task: PointTask, robot: Robot, goals: Array, num_envs: int, threads: int = 0, delay: bool = False
     ) -> None:
-        self.robot, self.joints = robot, robot.joint_count  # has no say
+        self.robot, self.joints = robot, robot.joint_count  # not used
         self.num_envs, self.horizon, self.tolerance = num_envs, task.horizon, task.tolerance
         self.control_period = task.control_period
         self._step_limit = task.step_limit
@@ -48,12 +48,12 @@ class PointEnvironment:
 
     @classmethod
     def observation_terms(cls, task: PointTask, joints: int) -> tuple[ObservationTerm, ...]:
-        """What the policy sees, in order."""
+        """Return the terms of the observation in order."""
         return (ObservationTerm("position", "m", 2),)
 
     @classmethod
     def scene(cls, task: PointTask, robot: Robot, delay: bool = False) -> None:
-        """There is nothing to be simulated by an engine."""
+        """Return None: no engine simulates this task."""
 
     def reset(self, ids: Array, skill: Array) -> None:
         """See `Environment`."""
@@ -83,7 +83,7 @@ class PointEnvironment:
         return np.zeros((self.num_envs, 0), dtype=np.float32)
 
     def randomize(self, parameters: Mapping[str, Array], rng: Rng) -> None:
-        """See `Environment`: the mean gain of the moves and the position noise; nothing else has a meaning here."""
+        """See `Environment`: only the mean gain of the moves and the position noise apply."""
         self._gain = parameters.get("gain", np.ones((self.num_envs, 1))).mean(axis=1, keepdims=True)
         noise = parameters.get("position_noise")
         self._noise, self._chance = None if noise is None else noise[:, None], Chance(rng)
@@ -106,7 +106,7 @@ class PointEnvironment:
         return StateEstimate(seen, np.pad(seen, ((0, 0), (0, 1))), np.zeros((self.num_envs, 2)))
 
     def set_estimated_state(self, ids: Array, state: Array, sag: Array | None = None) -> None:
-        """See `Environment`; a point goes where it is sent."""
+        """See `Environment`; a point has no resting offset."""
         self.restore(ids, np.clip(state, -self._bound, self._bound))
 
     def set_active(self, ids: Array | None) -> None:

@@ -1,4 +1,4 @@
-"""What the point task is."""
+"""The spec of the point task."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What planners count as left to go while a box is pushed."""
+"""The remaining cost that planners use while a box is pushed."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from skillcli.tasks.push.geometry import Array, place_behind, share
 
 @dataclass(frozen=True)
 class BoxCostToGo:
-    """The way of the box, and beside it that of the gripper to where it can push the box straight at the waypoint.
+    """The way of the box, and the detour of the gripper to the place behind the box.
 
-    Without the second a box that nobody touches looks the same whatever the gripper does. Keypoints are box and gripper.
+    Without the detour, all states with an untouched box look the same. Keypoints are box and gripper.
     """
 
     half_edges: tuple[float, float]  # m, half of the edges of the box along x and y
 
     def distance(self, keypoints: Array, waypoint: Array) -> Array:
-        """From the box (..., 0, 3) m to a waypoint (..., 3) m, (...,) m."""
+        """Return the distance from the box (..., 0, 3) m to a waypoint (..., 3) m, (...,) m."""
         distance: Array = np.linalg.norm(keypoints[..., 0, :] - waypoint, axis=-1)
         return distance
 
     def detour(self, keypoints: Array, waypoint: Array) -> Array:
-        """From the gripper (..., 1, 3) m to its place behind the box, seen from above, (...,) m.
+        """Return the distance from the gripper (..., 1, 3) m to its place behind the box, seen from above, (...,) m.
 
-        Counts less and less within `geometry.FADE` of the waypoint.
+        It fades within `geometry.FADE` of the waypoint.
         """
         box, gripper, goal = keypoints[..., 0, :2], keypoints[..., 1, :2], waypoint[..., :2]
         way = np.linalg.norm(gripper - place_behind(box, goal, np.array(self.half_edges)), axis=-1)

@@ -1,4 +1,4 @@
-"""The push task: the Sawyer's finger pushes a box over the table, with real contact and friction."""
+"""The push task: the arm's finger pushes a box over the table, with real contact and friction."""
 
 from __future__ import annotations
 
@@ -24,26 +24,29 @@ from skillcli.tasks.push.geometry import CONTACT_GAP, climb, place_behind, share
 from skillcli.tasks.push.scene import push_spec
 from skillcli.tasks.push.settings import PushTask
 
-CLEARANCE = 0.01  # m: the finger is to keep this far off the table
-START_GAP = 0.002  # m: between arm and box at a start
-FIRM, CRUSHING = 2.0, 10.0  # weights of the nominal box: downward forces from which on pressing costs, and costs no more
-LEANING = math.cos(0.2)  # of the angle from upright beyond which a box leans: no domain tilts a table by more rad
-LIFTED = 0.05  # m above its rest: a box that flies
-THROWN = 2.0  # m/s: four times what the fastest push gives it
-# Reward of losing the box, else losing it would end the costs: worse than to stand still for good with the box 30 cm from its
-# goal, which is the farthest that the shipped recipes start, at a discount of 0.97 a step.
+CLEARANCE = 0.01  # m: height above the table below which the finger pays a cost
+START_GAP = 0.002  # m: between arm and box at the start
+FIRM, CRUSHING = (
+    2.0,
+    10.0,
+)  # weights of the box: downward force at which pressing begins to cost, and costs most
+LEANING = math.cos(0.2)  # cosine of the largest tilt of a box on a table: no domain tilts a table further
+LIFTED = 0.05  # m above its rest: a lifted box
+THROWN = 2.0  # m/s: four times the speed in the fastest push
+# Reward of losing the box. It must be below the return of doing nothing, else failing early pays: of standing still with the
+# box 30 cm from its goal, the farthest start in the bundled recipes, at a discount of 0.97 per step.
 LOST = -30.0
 
 
 class PushEnvironment(ArmEnvironment):
     """N arms with a box each.
 
-    Observed beside the joints: the gripper's position relative to the box, m, as in the paper. Where the box is on the table
-    follows from the two together, which a network takes long to learn: `task.observe_place` shows that as well. Where it
-    started follows from nothing.
+    Besides the joints, the gripper's position relative to the box is observed, m, as in the paper. The place of the box
+    follows from both, but a network learns that slowly: `task.observe_place` adds it to the observation. The start of the box
+    is not observable.
 
-    A goal is a place on the table: the nominal start of the box and the skill's displacement. The judged point is the
-    centre of the box in the plane of the table (z = 0). See `reward_terms` for the shaping and `failed` for lost boxes.
+    A goal is a place on the table: the nominal start of the box plus the skill's displacement. The achieved goal is the
+    centre of the box in the plane of the table (z = 0). `reward_terms` explains the shaping, `failed` when a box is lost.
     """
 
     position_term = ObservationTerm("gripper_relative_to_object", "m", 3)
@@ -102,7 +105,7 @@ class PushEnvironment(ArmEnvironment):
         return pose
 
     def _place(self, ids: Array) -> None:
-        """Put the arms at their starts, and boxes that would stand in an arm beside it."""
+        """Put the arms at their starts, and boxes that would overlap with an arm beside it."""
         super()._place(ids)
         pose = self.arms.object_pose[ids]
         balls = self._cover.centres(*(values[ids] for values in self.arms.geom_frames()))
@@ -118,7 +121,7 @@ class PushEnvironment(ArmEnvironment):
         return Cover(self.arms.model)
 
     def _rest(self, xy: Array, ids: Array | slice) -> Array:
-        """How high the centre of a box is that lies on the table at places (n, 2) m, (n,) m."""
+        """Return the height of the centre of a box that lies on the table at places (n, 2) m, (n,) m."""
         half = self._half_edges[ids, 2]
         if self._tilt is not None:
             half = half / table.normal(self._tilt[ids])[:, 2]
@@ -126,7 +129,7 @@ class PushEnvironment(ArmEnvironment):
         return rest
 
     def _surface(self, xy: Array, ids: Array | slice) -> Array:
-        """How high the tops of these robots' tables are at places (n, 2) m, (n,) m."""
+        """Return the height of these robots' table tops at places (n, 2) m, (n,) m."""
         if self._tilt is None:
             level: Array = TABLE_TOP + self._table_height[ids]
             return level
@@ -137,7 +140,7 @@ class PushEnvironment(ArmEnvironment):
         return self.arms.gripper_position - self.arms.object_pose[:, :3]
 
     def shown(self) -> Array:
-        """See `ArmEnvironment`; where on the table the box seems to be, m."""
+        """See `ArmEnvironment`; the estimated place of the box on the table, m."""
         if self._sensors is None:
             return self.arms.object_pose[:, :2]
         n = self.action_size
@@ -155,28 +158,28 @@ class PushEnvironment(ArmEnvironment):
         return np.stack([self.achieved_goal(), self.arms.gripper_position], axis=1)
 
     def behind(self) -> Array:
-        """Where the finger has to be to push the box straight at its goal, (N, 3) m; half-way up the box."""
+        """Return the place from which the finger pushes the box straight to its goal, (N, 3) m; half-way up the box."""
         point: Array = self.arms.object_pose[:, :3].copy()
         point[:, :2] = place_behind(point[:, :2], self.desired_goal[:, :2], self._half_edges[:, :2])
         return point
 
     def reward_terms(self) -> RewardTerms:
-        """The shaping, per control step; distances in m.
+        """Return the shaping terms, per control step; distances in m.
 
-        - goal: minus 2 times the distance of box and goal: what is asked for
-        - approach: minus 0.5 times the finger's way to the point behind the box: leads the finger round the box, since a push
-          from the wrong side makes the first term worse. Straight there, and up to the top of the box first as long as that is
-          in the way (`geometry.climb`). Fades within 3 cm of the goal, where that point jumps.
-        - near: plus 0.3 times how far inside 5 cm the box is, from 0 at the rim to 1 at the goal: the last centimetres cost a
-          detour round the box, and are worth it
-        - struck: costs 5 times the square of the box's speed, in m/s: it is to be pushed, not struck. Where a struck box stops
-          hangs on the instant and the place of one touch, and differs from robot to robot.
-        - tipping: costs 0.01 times the square of the speed at which the box tips, in rad/s: a push high up a face topples it,
-          and where it then comes to lie is chance.
-        - low: costs 10 times how far the finger is lower than 1 cm above the table; of a box lower than 4 cm a quarter of its
-          height counts instead. Without it fingers lean on the table with up to 200 N.
-        - pressed: costs up to 0.3 for pressing down on table or box, from a force of 2 weights of the box to one of 10: a box
-          that is pressed from above sinks into the table. Forces to the sides are free: they are what pushes.
+        - goal: minus 2 times the distance of box and goal: the task itself
+        - approach: minus 0.5 times the finger's way to the point behind the box. It leads the finger round the box, since a
+          push from the wrong side makes the first term worse. The way is straight, but over the box while that is in the way
+          (`geometry.climb`). The term fades within 3 cm of the goal, where that point jumps.
+        - near: plus 0.3 times a bonus that grows from 0 at 5 cm from the goal to 1 at the goal: it pays for the detour round
+          the box that the last centimetres cost
+        - struck: minus 5 times the square of the box's speed, in m/s: the box must be pushed, not struck. The final position
+          of a struck box depends on the exact time and place of one touch, and differs from robot to robot.
+        - tipping: minus 0.01 times the square of the speed at which the box tips, in rad/s: a push high up a face topples
+          it, and then its final position is unpredictable.
+        - low: minus 10 times the depth of the finger below 1 cm above the table, or below a quarter of the height of a box
+          lower than 4 cm. Without it fingers lean on the table with up to 200 N.
+        - pressed: minus up to 0.3 for pressing down on table or box, from a force of 2 weights of the box to one of 10: a
+          box that is pressed from above sinks into the table. Sideways forces are free, because they push the box.
 
         The step that loses the box earns `LOST` instead.
         """
@@ -200,27 +203,27 @@ class PushEnvironment(ArmEnvironment):
         )
 
     def _climb(self) -> Array:
-        """How much higher the fingers have to be to pass over the box that is in their way, (N,) m."""
+        """Return how much higher a finger must be to pass over a box in its way, (N,) m."""
         box = self.arms.object_pose[:, :3]
         return climb(self.arms.gripper_position, box, self.desired_goal[:, :2], self._half_edges)
 
     def _tipping(self) -> Array:
-        """Speed at which the boxes turn about anything but the vertical, (N,) rad/s."""
+        """Return the speed at which the boxes turn about a horizontal axis, (N,) rad/s."""
         turning, up = self.arms.object_velocity[:, 3:], self._up()  # in the box's own frame
         spin = np.einsum("ij,ij->i", turning, up)
         speed: Array = np.linalg.norm(turning - spin[:, None] * up, axis=1)
         return speed
 
     def _up(self) -> Array:
-        """Where the boxes see up, unit vectors (N, 3) in their own frames."""
+        """Return the upward direction in the frames of the boxes, unit vectors (N, 3)."""
         return _up(self.arms.object_pose[:, 3:])
 
     def violations(self) -> Array:
-        """See `ArmEnvironment`; and boxes that are pressed into the table, or fall over."""
+        """See `ArmEnvironment`; adds boxes that are pressed into the table or tip over."""
         return np.column_stack([super().violations(), self._sunk() > BOX_TOLERANCE, self._up()[:, 2] < UPRIGHT])
 
     def _sunk(self) -> Array:
-        """How far the lowest corners of boxes on the table are below its top, (N,) m."""
+        """Return the depth of the lowest corners of boxes on the table below its top, (N,) m."""
         position, rotation = self.arms.geom_frames()
         model = self.arms.model
         top, box = model.geom("table").id, model.geom(OBJECT).id
@@ -233,7 +236,7 @@ class PushEnvironment(ArmEnvironment):
         return sunk
 
     def failed(self) -> Array:
-        """A box that fell off the table, flies or was thrown, or an unstable simulation, (N,) bool."""
+        """Return which boxes fell off the table, were lifted or thrown, or which simulations are unstable, (N,) bool."""
         broken = super().failed()
         box = np.nan_to_num(self.arms.object_pose[:, :3], posinf=0.0, neginf=0.0)
         height, rest = box[:, 2], self._rest(box[:, :2], slice(None))
@@ -263,19 +266,19 @@ class PushEnvironment(ArmEnvironment):
         self._robot = np.stack([friction, mass, gain, parameters.get("latency", zero) / self.control_period], axis=1)
 
     def _true(self) -> Array:
-        """See `ArmEnvironment`; and the gripper's own position and how the box has turned, (N, J+10)."""
+        """See `ArmEnvironment`; adds the gripper's own position and the orientation of the box, (N, J+10)."""
         seen, pose = super()._true(), self.arms.object_pose
         return np.concatenate([seen, seen[:, self.action_size :] + pose[:, :3], pose[:, 3:]], axis=1)
 
     def object_seen(self) -> Array:
-        """See `ArmEnvironment`: its place from the last observation, its angle as uncertain as the place of an edge."""
+        """See `ArmEnvironment`: the place from the last observation, and an angle whose noise matches that of the place."""
         pose = self.arms.object_pose.copy()
         if self._sensors is None:
             return pose
         relative, gripper, turned = np.split(self._measured[:, self.action_size :], [3, 6], axis=1)
         pose[:, :3] = gripper - relative
         error = self._sensors.angle_error(self._half_edges[:, :2].mean(axis=1) + CONTACT_GAP)
-        turned = turned / np.linalg.norm(turned, axis=1, keepdims=True)  # between two control steps it is a little short
+        turned = turned / np.linalg.norm(turned, axis=1, keepdims=True)  # interpolated, it is a little too short
         pose[:, 3:] = table.turned(_upright_turn(error), turned)
         return pose
 
@@ -287,7 +290,7 @@ class PushEnvironment(ArmEnvironment):
         return point
 
     def estimate_tilt(self, object_pose: Array | None) -> Array:
-        """See `ArmEnvironment`: the face that is on top counts, so that a box that fell over lies as well as it stood."""
+        """See `ArmEnvironment`: the tilt of the top face, so that a toppled box counts as upright."""
         assert object_pose is not None
         frames = _frames(object_pose[:, 3:])
         on_top = np.abs(frames[:, 2]).argmax(axis=1)
@@ -296,24 +299,24 @@ class PushEnvironment(ArmEnvironment):
         return tilt
 
     def room(self) -> Array:
-        """See `ArmEnvironment`; as if the boxes stood along the axes."""
+        """See `ArmEnvironment`; for boxes along the axes."""
         beyond = np.abs(self.arms.gripper_position - self.arms.object_pose[:, :3]) - self._half_edges
         room: Array = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
         return room
 
     def set_estimated_state(self, ids: Array, state: Array, sag: Array | None = None) -> None:
-        """See `Environment`; the box lies flat on this robot's own table, however high and tilted the other one is.
+        """See `Environment`; the box lies flat on this robot's own table, whatever height and tilt the other table has.
 
-        A box that leans on the finger, by more than any table is tilted, is about to fall: it leans here too, its lowest
+        A box that leans on the finger, further than any table is tilted, is about to fall: here it leans too, with its lowest
         corner on the table.
         """
         lying = state.copy()
         lying[:, -5] = self._rest(state[:, -7:-5], ids)
-        flat = _upright_turn(2 * np.arctan2(state[:, -1], state[:, -4]))  # its turn about the vertical, without any tilt
+        flat = _upright_turn(2 * np.arctan2(state[:, -1], state[:, -4]))  # turn about the vertical, without tilt
         lying[:, -4:] = flat if self._tilt is None else table.turned(table.quaternion(self._tilt[ids]), flat)
         up = _up(state[:, -4:])
         leans = (up[:, 2] < LEANING) & (up[:, 2] > UPRIGHT)
-        reach = (np.abs(up) * self._half_edges[ids]).sum(axis=1)  # of the lowest corner, down from the centre
+        reach = (np.abs(up) * self._half_edges[ids]).sum(axis=1)  # from the centre down to the lowest corner
         lying[leans, -4:] = state[leans, -4:]
         lying[leans, -5] += (reach - self._half_edges[ids, 2])[leans]
         super().set_estimated_state(ids, lying, sag)
@@ -324,13 +327,13 @@ class PushEnvironment(ArmEnvironment):
 
 
 def _up(turned: Array) -> Array:
-    """Where boxes turned by quaternions (n, 4) w x y z see up, unit vectors (n, 3) in their own frames."""
+    """Return the upward direction in the frames of boxes with orientations (n, 4) w x y z, unit vectors (n, 3)."""
     w, x, y, z = turned.T
     return np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1)
 
 
 def _frames(turned: Array) -> Array:
-    """Rotation matrices (n, 3, 3) of quaternions (n, 4) w x y z; their columns are a box's axes."""
+    """Convert quaternions (n, 4) w x y z to rotation matrices (n, 3, 3); their columns are a box's axes."""
     w, x, y, z = turned.T
     rows = (
         1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
@@ -341,20 +344,20 @@ def _frames(turned: Array) -> Array:
 
 
 def _upright_turn(angle: Array) -> Array:
-    """Turns by angles (n,) rad about the vertical as quaternions, (n, 4) w x y z."""
+    """Return rotations by angles (n,) rad about the vertical as quaternions, (n, 4) w x y z."""
     zero = np.zeros(len(angle))
     return np.stack([np.cos(angle / 2), zero, zero, np.sin(angle / 2)], axis=1)
 
 
 def _way_out(box: Array, half: Array, balls: Array, radii: Array) -> Array:
-    """How far boxes have to go sideways, the shortest way each time, until no ball overlaps them, (n, 2) m.
+    """Return sideways displacements of boxes, each the shortest, until no sphere overlaps them, (n, 2) m.
 
-    Between arms on both sides that may be nowhere: it gives up after as many moves as there are balls.
+    Between arms on both sides there may be no solution: the search ends after as many moves as there are spheres.
 
     Args:
-        box: (n, 3) m, centres of boxes that stand along the axes.
+        box: (n, 3) m, centres of boxes that are along the axes.
         half: (n, 3) m, half of their edges.
-        balls: (n, P, 3) m, centres.
+        balls: (n, P, 3) m, centres of the spheres.
         radii: (P,) m.
     """
     aside, each = np.zeros((len(box), 2)), np.arange(len(box))

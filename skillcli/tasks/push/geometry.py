@@ -1,4 +1,4 @@
-"""Where a finger has to be to push a box: what rewards lead it to, and what planners count the way to."""
+"""The place from which a finger pushes a box to a goal, for rewards and planners."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ Array = NDArray[Any]
 
 CONTACT_GAP = 0.015  # m: the radius of the finger's ball, which then nearly touches the box
 OVER_THE_TOP = CONTACT_GAP + 0.02  # m from the top of a box to the middle of a finger that passes over it without touching
-FADE = 0.03  # m from its goal within which that place, which jumps as the box passes the goal, counts less and less
+FADE = 0.03  # m from the goal: within it the place counts less and less, because it jumps as the box passes the goal
 
 
 def place_behind(box: Array, goal: Array, half_edges: Array) -> Array:
-    """Where the finger pushes the box straight at its goal, seen from above, (..., 2) m.
+    """Return the place from which the finger pushes the box straight to its goal, seen from above, (..., 2) m.
 
-    On the far side from the goal, a contact gap outside the box: behind the line that touches it there, square to the push.
+    It is opposite the goal, a contact gap outside the box: on the line that touches the box there, square to the push.
 
     Args:
         box: (..., 2) m, its centre.
         goal: (..., 2) m.
-        half_edges: (..., 2) m, half of its edges along x and y. How the box has turned is left out.
+        half_edges: (..., 2) m, half of its edges along x and y. The orientation of the box is ignored.
     """
     gap = goal - box
     direction = gap / np.maximum(np.linalg.norm(gap, axis=-1, keepdims=True), 1e-6)
@@ -32,16 +32,16 @@ def place_behind(box: Array, goal: Array, half_edges: Array) -> Array:
 
 
 def climb(finger: Array, box: Array, goal: Array, half_edges: Array) -> Array:
-    """How much higher a finger has to be to pass over a box on its way behind it, (...,) m.
+    """Return how much higher a finger must be to pass over a box on its way behind it, (...,) m.
 
-    The way straight there leads through the box where the finger is above or before it. Nothing where the finger is behind
-    the box, or beside it far enough to go round.
+    The straight way leads through the box if the finger is above or before it. The result is zero if the finger is behind
+    the box, or far enough beside it.
 
     Args:
         finger: (..., 3) m, centre of its ball.
         box: (..., 3) m, its centre.
         goal: (..., 2) m.
-        half_edges: (..., 3) m, half of its edges. How the box has turned is left out.
+        half_edges: (..., 3) m, half of its edges. The orientation of the box is ignored.
     """
     gap = goal - box[..., :2]
     ahead = gap / np.maximum(np.linalg.norm(gap, axis=-1, keepdims=True), 1e-6)
@@ -49,13 +49,13 @@ def climb(finger: Array, box: Array, goal: Array, half_edges: Array) -> Array:
     aside = finger[..., :2] - box[..., :2]
     half = half_edges[..., :2]
     past = np.sum(aside * ahead + np.abs(ahead) * half, axis=-1)  # m before the rear of the box
-    beside = np.abs(np.sum(aside * across, axis=-1)) - np.sum(np.abs(across) * half, axis=-1)  # m off its flank
+    beside = np.abs(np.sum(aside * across, axis=-1)) - np.sum(np.abs(across) * half, axis=-1)  # m from its flank
     in_the_way = np.clip(past / CONTACT_GAP, 0.0, 1.0) * np.clip(2.0 - beside / CONTACT_GAP, 0.0, 1.0)
     higher: Array = in_the_way * np.maximum(0.0, box[..., 2] + half_edges[..., 2] + OVER_THE_TOP - finger[..., 2])
     return higher
 
 
 def share(distance: Array) -> Array:
-    """How much the way to the place behind the box counts at a distance (...,) m from the goal: from 1 to 0, (...,)."""
+    """Return the weight of the way to the place behind the box, (...,) from 1 to 0, at distances (...,) m from the goal."""
     counts: Array = np.minimum(distance / FADE, 1.0)
     return counts

@@ -1,4 +1,4 @@
-"""Where the box and the arm start on an arm that the defaults were not written for."""
+"""Place the box and the start of the arm on other arms than the default one."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from skillcli.trajectories import Array
 
 BEHIND = 0.05  # m from a goal of the box to the finger that pushes it there
 AHEAD, ABOVE = 0.05, 0.08  # m: the start of the finger, from the middle of the box's top
-PLACES = tuple(float(x) for x in np.arange(0.3, 0.9, 0.05))  # m before the base that are tried for the box
-PUSH_HEIGHT = 0.03  # m above the table of a finger that pushes
+PLACES = tuple(float(x) for x in np.arange(0.3, 0.9, 0.05))  # m before the base: places to try for the box
+PUSH_HEIGHT = 0.03  # m above the table: the height of a pushing finger
 
 
 def place_push(given: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
-    """What the section `task` of a recipe leaves open: where the box starts, how the arm does, and the action limit.
+    """Fill in open keys of the section `task`: the start of the box, the start of the arm, and the action limit.
 
     Raises:
         UsageError: the arm has no room.
@@ -59,7 +59,7 @@ def _box_and_start(
 
 
 def _finger_places(goals: Array, x: float, y: float) -> Array:
-    """Where the finger has to get to around a box at x, y m: corners and edges of the square behind all goals, (9, 3) m."""
+    """Return places that the finger must reach around a box at x, y m: a square grid around all goals, (9, 3) m."""
     half = np.abs(goals).max(axis=0) + BEHIND
     return np.array([
         (x + a * half[0], y + b * half[1], TABLE_TOP + PUSH_HEIGHT) for a, b in product((-1, 0, 1), repeat=2)

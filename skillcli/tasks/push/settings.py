@@ -38,7 +38,7 @@ class PushTask(ArmTask):
     @model_validator(mode="before")
     @classmethod
     def _other_goals_have_no_names(cls, given: Any) -> Any:
-        """The names that are the default belong to the goals that are."""
+        """Drop the default names if the goals are not the default ones."""
         return {"names": (), **given} if isinstance(given, Mapping) and "goals" in given else given
 
     @model_validator(mode="after")

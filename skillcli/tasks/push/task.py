@@ -1,4 +1,4 @@
-"""What the push task is."""
+"""The spec of the push task."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _environment() -> TaskEnvironment:
 
 
 def _place_goal(task: PushTask, goal: Sequence[float]) -> list[float]:
-    """A displacement of the box from its nominal start."""
+    """Convert a displacement of the box to a place, from its nominal start."""
     return [task.box_start[0] + goal[0], task.box_start[1] + goal[1], 0.0]
 
 
@@ -41,7 +41,7 @@ def _check_goal(task: PushTask, robot: Robot, goal: Array) -> None:
 
 
 def _check_start(task: PushTask, low: float, high: float) -> None:
-    """Refuse a box that starts off the table, or may: drawn from `low` to `high` m off its nominal start in x and y."""
+    """Refuse a box that may start off the table, drawn from `low` to `high` m off its nominal start in x and y."""
     lowest, highest = _room(task)
     if not ((lowest <= np.array(task.box_start) + low) & (np.array(task.box_start) + high <= highest)).all():
         drawn = f", drawn {low:g} to {high:g} m off," if high > low else ""
@@ -52,13 +52,13 @@ def _check_start(task: PushTask, low: float, high: float) -> None:
 
 
 def _room(task: PushTask) -> tuple[Array, Array]:
-    """Lowest and highest place of a box, however it has turned by quarters, on the table, (2,) m each."""
+    """Return the lowest and highest place of a box on the table, for any quarter turn, (2,) m each."""
     room = np.array(TABLE_HALF_SIZE[:2]) - max(task.box_size[:2]) / 2
     return TABLE_CENTRE - room, TABLE_CENTRE + room
 
 
 def _ring() -> tuple[Route, ...]:
-    """Every 30 degrees, 20 cm from the start: outside the square that the shipped skills span."""
+    """Return a goal every 30 degrees, 20 cm from the start: outside the square of the bundled skills."""
     angles = [math.radians(angle) for angle in range(0, 360, 30)]
     return tuple(((round(0.2 * math.cos(angle), 4), round(0.2 * math.sin(angle), 4)),) for angle in angles)
 

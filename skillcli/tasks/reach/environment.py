@@ -9,7 +9,7 @@ from skillcli.simulation.environment import Array, RewardTerms
 
 
 class ReachEnvironment(ArmEnvironment):
-    """N arms without objects. Observed beside the joints: the gripper's position, m."""
+    """N arms without objects. Besides the joints, the gripper's position is observed, m."""
 
     def position(self) -> Array:
         """See `ArmEnvironment`."""
@@ -20,6 +20,6 @@ class ReachEnvironment(ArmEnvironment):
         return self.arms.gripper_position.copy()
 
     def reward_terms(self) -> RewardTerms:
-        """The distance of gripper and goal, m, counts against it."""
+        """Return minus the distance of gripper and goal, m."""
         gap = self.arms.gripper_position - self.desired_goal
         return RewardTerms({"distance": -np.sqrt(np.einsum("ij,ij->i", gap, gap))}, {})

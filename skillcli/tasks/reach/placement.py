@@ -1,4 +1,4 @@
-"""Where the cuboid of goals lies on an arm that the default was not written for."""
+"""Place the cuboid of goals on other arms than the default one."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BASE_GAP = 0.03  # m between the column of the base and the nearest goal
 
 
 def place_reach(given: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
-    """What the section `task` of a recipe leaves open: goals, start and action limit for this arm.
+    """Fill in open keys of the section `task`: goals, start and action limit of this arm.
 
     Raises:
         UsageError: the arm has no room.
@@ -48,7 +48,7 @@ def _goals_and_start(kinematics: Kinematics, own: Any, given: Any) -> tuple[Arra
     usual = np.array(ReachTask.model_fields["goals"].default)
     distances = [distance * robot.workspace.reach for distance in DISTANCES]
     if own:
-        distances.insert(0, float(kinematics.gripper(np.array(own))[0][0]))  # around where the arm starts
+        distances.insert(0, float(kinematics.gripper(np.array(own))[0][0]))  # around the arm's own start
     for scale in SCALES:
         for distance in distances:
             goals = _cuboid(usual, scale * min(1.0, relative_reach(robot)), distance)
@@ -62,7 +62,7 @@ def _goals_and_start(kinematics: Kinematics, own: Any, given: Any) -> tuple[Arra
 
 
 def _cuboid(usual: Array, scale: float, distance: float) -> Array:
-    """The usual goals, scaled about the origin, with their middle at a distance in m before the base, (K, 3) m."""
+    """Return the usual goals, scaled about the origin, with their middle a distance in m in front of the base, (K, 3) m."""
     goals = scale * usual
     goals[:, 0] += distance - goals[:, 0].mean()
     return goals

@@ -1,4 +1,4 @@
-"""What the reach task is."""
+"""The spec of the reach task."""
 
 from __future__ import annotations
 
