@@ -12,7 +12,7 @@ from matplotlib.ticker import FuncFormatter
 from skillcli.trajectories import Array
 from skillcli.viz import motion
 from skillcli.viz.palette import BETWEEN, COLORS, DASHES, TARGET, look
-from skillcli.viz.scene import Runs, Scene
+from skillcli.viz.scene import Runs, Scene, label
 
 FLOOR = 1e-4  # m; a logarithmic axis cannot show zero
 
@@ -186,7 +186,12 @@ def curve_subplots(scene: Scene) -> list[Callable[[Axes, Scene], None]]:
     panels: list[Callable[[Axes, Scene], None]] = []
     if "success_rate" in scene.curves or _per_skill(scene):
         panels.append(success_curves)
-    return panels + [partial(_curve, name=name) for name in _CURVES if name in scene.curves]
+    single: dict[str, Callable[[Axes, Scene], None]] = {
+        name: partial(_curve, name=name) for name in _CURVES if name in scene.curves
+    }
+    if "return" in single and reward_terms(scene):
+        single["return"] = reward_curves
+    return [*panels, *single.values()]
 
 
 def _per_skill(scene: Scene) -> dict[int, Array]:
@@ -217,13 +222,30 @@ def success_curves(axes: Axes, scene: Scene) -> None:
     axes.set(ylim=(-0.02, 1.04), ylabel="success rate", title="learning: success (black: mean)")
 
 
+def reward_terms(scene: Scene) -> dict[str, Array]:
+    """Return what each term of the reward gave per episode, (iterations,) by its name; empty for files without them."""
+    terms = {name.removeprefix("reward/"): values for name, values in scene.curves.items() if name.startswith("reward/")}
+    return {label(name): np.asarray(values, dtype=float) for name, values in terms.items()}
+
+
+def reward_curves(axes: Axes, scene: Scene) -> None:
+    """Draw each term of the reward over learning, and the return, their sum, in black."""
+    for index, (name, values) in enumerate(reward_terms(scene).items()):
+        style = look(index)
+        axes.plot(_experience(axes, scene, len(values)), values, color=style.color, ls=style.dash, lw=0.9, label=name)
+    if (total := scene.curves.get("return")) is not None:
+        axes.plot(_experience(axes, scene, len(total)), total, color="black", lw=1.6, label="return")
+    axes.legend(loc="best", fontsize=6, ncols=2, borderaxespad=0.2, handlelength=1.6, handletextpad=0.4, columnspacing=0.8)
+    axes.set(ylabel="per episode", title="learning: reward terms")
+
+
 def _curve(axes: Axes, scene: Scene, name: str) -> None:
     """Draw one learning curve; distances in the unit of the other subplots, on a logarithmic axis."""
-    values, label = np.asarray(scene.curves[name], dtype=float), _CURVES[name]
-    axes.set_title(f"learning: {label.partition(' of')[0].partition(' per')[0]}")
+    values, named = np.asarray(scene.curves[name], dtype=float), _CURVES[name]
+    axes.set_title(f"learning: {named.partition(' of')[0].partition(' per')[0]}")
     if name == "final_distance":
         scale, unit_name = unit(scene)
-        values, label = scale * np.maximum(values, FLOOR), f"{label} [{unit_name}]"
+        values, named = scale * np.maximum(values, FLOOR), f"{named} [{unit_name}]"
         _logarithmic(axes)
     axes.plot(_experience(axes, scene, len(values)), values, color=TARGET, lw=1.4)
-    axes.set_ylabel(label)
+    axes.set_ylabel(named)

@@ -17,6 +17,7 @@ from skillcli.errors import SkillError, UsageError
 from skillcli.viz import figure_style, motion, subplots_space
 from skillcli.viz.figures import draw, figure
 from skillcli.viz.palette import look
+from skillcli.viz.paper_figures import learning
 
 pytestmark = pytest.mark.slow
 
@@ -126,6 +127,17 @@ def test_panels_follow_what_was_recorded() -> None:
         "learning: return",
     ]
     assert not any(title.startswith("learning") for title in titles(draw(scenes.make("embed-means", "point"))))
+
+
+def test_the_return_is_drawn_with_its_terms_where_they_were_kept() -> None:
+    scene = scenes.rewarded(scenes.make("pretrain", "reach"))
+    drawn = draw(scene)
+    assert titles(drawn)[-1] == "learning: reward terms"
+    *terms, total = drawn.axes[-1].lines
+    np.testing.assert_allclose(sum(line.get_ydata() for line in terms), total.get_ydata())
+    assert [line.get_label() for line in terms] == ["goal", r"pressed \$x\$"]
+    alone = learning.reward_terms([scene])
+    assert [len(axes.lines) for axes in alone.axes] == [3]
 
 
 def test_an_unknown_format_lists_those_there_are(tmp_path: Path) -> None:

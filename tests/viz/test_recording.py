@@ -164,6 +164,15 @@ def test_learning_curves_have_their_own_timeline(tmp_path: Path) -> None:
     )
 
 
+def test_terms_of_the_reward_are_curves_by_name(tmp_path: Path) -> None:
+    scene = scenes.rewarded(scenes.make("pretrain", "point"))
+    record(scene, tmp_path / "scene.rrd")
+    (names,) = column(tmp_path / "scene.rrd", "/learning/reward/goal", "SeriesLines:names")
+    assert names == ["goal"]
+    rows = np.ravel(column(tmp_path / "scene.rrd", "/learning/reward/goal", "Scalars:scalars"))
+    np.testing.assert_allclose(rows, scene.curves["reward/goal"])
+
+
 def test_one_place_that_is_due_twice_has_one_label(tmp_path: Path) -> None:
     record(scenes.make("compose", "reach"), tmp_path / "scene.rrd")
     (labels,) = column(tmp_path / "scene.rrd", "/world/waypoints/names", "Points3D:labels")

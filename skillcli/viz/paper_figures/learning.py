@@ -40,6 +40,21 @@ def curves(scenes: Sequence[Scene]) -> Figure:
     return figure
 
 
+def reward_terms(scenes: Sequence[Scene]) -> Figure:
+    """Draw what each term of the reward gave per episode, over the control steps of training.
+
+    Args:
+        scenes: of pretrain artifacts with curves of the terms, at most `MAX_LIBRARIES`.
+    """
+    figure = blank(WIDTH, 2.6)
+    for axes, scene in zip(figure.subplots(1, len(scenes), squeeze=False)[0], scenes, strict=True):
+        subplots_time.reward_curves(axes, scene)
+        axes.set(ylabel="", xlabel=axes.get_xlabel().replace(" [", "\n["))
+        axes.set_title(_short(scene), fontsize=8)
+    figure.axes[0].set_ylabel("per episode")
+    return figure
+
+
 def _success(axes: Axes, scene: Scene) -> None:
     """Draw the success of each skill and of all."""
     for skill, name in enumerate(scene.skills):

@@ -14,7 +14,8 @@ from skillcli.viz.recording.layout import curve_path, in_space, slug, spread
 from skillcli.viz.scene import Runs, Scene
 
 SERIES = ("distance", "latent", "reward", "success", "action_norm", "joint_speed", "violations")
-FIRST_CURVES = ("success", "final_distance", "return", "kl")
+FIRST_CURVES = ("success", "final_distance", "return", "reward", "kl")
+TITLES = {"reward": "terms of the reward, per episode"}  # of views whose curves do not say it
 LATENT_BACK = 1.5  # the latent view is wide and low: all of it is visible only from further back
 MAX_LEGEND = 4  # a longer legend hides the plot; the viewer still shows names under the mouse
 LAYOUTS: ByKind[Callable[[Scene], rrb.Container]] = ByKind("recording")
@@ -152,5 +153,6 @@ def _curve_views(scene: Scene) -> list[rrb.View]:
         if name != "env_steps":
             groups.setdefault(name.split("/")[0].removesuffix("_rate"), []).append(f"/learning/{curve_path(name)}")
     return [
-        rrb.TimeSeriesView(origin="/learning", contents=paths, name=name.replace("_", " ")) for name, paths in groups.items()
+        rrb.TimeSeriesView(origin="/learning", contents=paths, name=TITLES.get(name, name.replace("_", " ")))
+        for name, paths in groups.items()
     ]

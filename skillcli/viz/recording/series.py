@@ -72,6 +72,10 @@ def _several(scene: Scene, episode: int) -> dict[str, tuple[slice, Array, list[s
 
 def log_curves(stream: rr.RecordingStream, scene: Scene) -> None:
     """Log learning curves over `iteration`; their values are unchanged."""
+    terms = [name for name in scene.curves if name.startswith("reward/")]
+    for place, name in enumerate(terms):
+        line = rr.SeriesLines(colors=rgba(look(place).color), names=name.removeprefix("reward/"))
+        stream.log(f"learning/{curve_path(name)}", line, static=True)
     for name, values in scene.curves.items():
         index = [rr.TimeColumn("iteration", sequence=np.arange(len(values)))]
         scalars = rr.Scalars.columns(scalars=np.asarray(values, dtype=float))

@@ -21,6 +21,7 @@ from skillcli.viz.report import paper
 from skillcli.viz.report.content import Missing, ReportFigure
 from skillcli.viz.report.selection import Exhibit, Material
 from skillcli.viz.scene import Runs, label
+from skillcli.viz.subplots_time import reward_terms
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -237,6 +238,18 @@ def _curves(material: Material) -> Plan | None:
     return Plan(caption, used, lambda: learning.curves([one.scene for one in used]))
 
 
+def _reward_terms(material: Material) -> Plan | None:
+    used = material.find(PRETRAIN, where=lambda one: bool(reward_terms(one.scene)))
+    used = sorted(used[: learning.MAX_LIBRARIES], key=lambda one: one.name)
+    if not used:
+        return None
+    caption = (
+        "What each term of the reward gave per episode, costs below zero, and the return (black), their sum; mean over the "
+        "episodes that were collected with exploration, one training each."
+    )
+    return Plan(caption, used, lambda: learning.reward_terms([one.scene for one in used]))
+
+
 def _distances(material: Material) -> Plan | None:
     several = material.find(EMBED_MEANS, where=lambda one: len(one.scene.skills) > 1)
     used = sorted(several[: learning.MAX_LIBRARIES], key=lambda one: one.name)
@@ -312,6 +325,7 @@ SUBJECTS = (
         "pair of ddpg compositions with the same goal and different ddpg.latents",
     ),
     Subject("learning", "", "Learning curves", _curves, "pretrain artifact"),
+    Subject("reward-terms", "", "Terms of the reward", _reward_terms, "pretrain artifact that keeps the terms of its reward"),
     Subject("distances", "", "Latent against goal distances", _distances, "embed-means artifact"),
     Subject("calibration", "", "Interpolation between skills", _calibration, "interpolated composition"),
     Subject("transfer-success", "", "Success on robots that differ", _success, "transfer-eval artifact"),
