@@ -80,7 +80,7 @@ def test_a_file_needs_no_more_than_a_name(tmp_path: Path) -> None:
         ('name = "a"\n[parameters]\ngain = [1, 2]', "parameters.gain: expected a number, or one of", ""),
         ('name = "a"\n[parameters]\ntable_tilt = {values=[0.1]}', "table_tilt has 2 values in each episode, got 1", ""),
         ('name = "a"\n[parameters]\ngain = nan', "parameters.gain: expected a finite number, got nan", ""),
-        ('name = "a"\n[parameters]\njoint_drift = 0.01', "joint_drift says nothing without drift_time", ""),
+        ('name = "a"\n[parameters]\njoint_drift = 0.01', "joint_drift has no effect without drift_time", ""),
     ],
 )
 def test_a_malformed_file_is_refused_with_file_field_and_fix(tmp_path: Path, text: str | bytes, said: str, hint: str) -> None:
