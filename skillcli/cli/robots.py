@@ -58,6 +58,39 @@ def show(
     session.result({**_payload(robot), "png": None if png is None else str(png)}, _sheet(robot, png))
 
 
+@robots_app.command("new")
+def new(
+    context: typer.Context,
+    model: Annotated[str, typer.Argument(metavar="MODEL", help="An MJCF or URDF file, or menagerie:NAME.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="The robot file; by default the model's name.", metavar="FILE.toml"),
+    ] = None,
+) -> None:
+    """Write a robot file for a model: find its arm, hand, servos and a start, and say what only a person can know."""
+    from rich.text import Text
+
+    from skillcli.robots.new_file import propose_robot
+    from skillcli.viz.files import replacing
+
+    session: Session = context.obj
+    file = output or Path(f"{Path(model.removeprefix('menagerie:')).stem}.toml")
+    if file.suffix != ".toml":
+        raise UsageError(f"a robot file is TOML, got {str(file)!r}", "end its name in .toml")
+    if file.exists():
+        raise UsageError(f"{file} is there already", "choose another name with -o, or move it away")
+    found = propose_robot(model, file)
+    with replacing(file) as (temporary,):
+        temporary.write_text(found.text, encoding="utf-8")
+    lines = [f"written: {file}", *(f"guessed: {item}" for item in found.guessed)]
+    lines += [f"only you can know: {item}" for item in found.unknown]
+    session.result(
+        {"file": str(file), "joints": list(found.joints), "guessed": list(found.guessed), "unknown": list(found.unknown)},
+        Text("\n".join(lines)),
+        Text(f"next: skill robots show {file} --png arm.png; skill pretrain reach --robot {file}", "dim"),
+    )
+
+
 def _draw(robot: Robot, which: str, png: Path) -> None:
     """Draw the arm at the start of the reach task with its goals; at home if the task has no room."""
     import numpy as np

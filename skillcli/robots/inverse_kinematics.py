@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from scipy.optimize import least_squares
 
+from skillcli.robots.posture import overlaps
 from skillcli.robots.robot import Robot
 from skillcli.robots.scene import GRIPPER, LIMIT_MARGIN
 from skillcli.trajectories import Array
@@ -17,9 +18,6 @@ REACHED = 1e-3  # m from the place: the gripper is there
 DOWN_WEIGHT = 5e-3  # m: what a gripper that points sideways counts as; small, so that the place always counts more
 NEAR_WEIGHT = 5e-4  # m/rad: of the distance from the posture to stay near to
 SEARCHES = 12  # from other postures, where the given one leads nowhere
-TOUCHING = 1e-3  # m of overlap that counts as a collision
-ALWAYS = 0.9  # share of random postures in which geoms overlap that are built into each other
-SAMPLED = 40  # random postures to find those
 
 
 class Posture(NamedTuple):
@@ -51,7 +49,6 @@ class Kinematics:
         self._dofs = np.array([joint.dofadr[0] for joint in joints])
         self._site = self.model.site(GRIPPER).id
         self.low, self.high = self._ranges(margin)
-        self._built_in = self._built_into_each_other()
 
     def gripper(self, angles: Array) -> tuple[Array, Array]:
         """Where the gripper is, (3,) m, and the direction that it points in, (3,), with the arm at angles (n,) rad."""
@@ -84,8 +81,9 @@ class Kinematics:
                 yield found
 
     def collides(self, angles: Array) -> bool:
-        """Whether anything overlaps with the arm at angles (n,) rad, but for parts that are built into each other."""
-        return bool(self._overlaps(angles) - self._built_in)
+        """Whether anything overlaps with the arm at angles (n,) rad."""
+        self.data.qpos[self._qpos] = angles
+        return bool(overlaps(self.model, self.data))
 
     def passes(self, start: Array, end: Array, samples: int = 8) -> bool:
         """Whether the arm gets from angles (n,) rad to others in a straight line without a collision."""
@@ -126,19 +124,3 @@ class Kinematics:
                 low[index], high[index] = max(pair[0] for pair in limits), min(pair[1] for pair in limits)
         inside = np.minimum(margin + LIMIT_MARGIN, (high - low) / 4)
         return low + inside, high - inside
-
-    def _built_into_each_other(self) -> set[tuple[int, int]]:
-        """Pairs of geoms that overlap wherever the arm stands."""
-        rng = np.random.default_rng(0)
-        counts: dict[tuple[int, int], int] = {}
-        for _ in range(SAMPLED):
-            for pair in self._overlaps(rng.uniform(self.low, self.high)):
-                counts[pair] = counts.get(pair, 0) + 1
-        return {pair for pair, count in counts.items() if count >= ALWAYS * SAMPLED}
-
-    def _overlaps(self, angles: Array) -> set[tuple[int, int]]:
-        self.data.qpos[self._qpos] = angles
-        mujoco.mj_kinematics(self.model, self.data)
-        mujoco.mj_comPos(self.model, self.data)
-        mujoco.mj_collision(self.model, self.data)
-        return {(int(c.geom1), int(c.geom2)) for c in self.data.contact if c.dist < -TOUCHING}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -17,6 +18,34 @@ from skillcli.errors import UsageError
 from skillcli.robots.effort import check_effort
 
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
+
+
+MENAGERIE, MENAGERIE_ROOT = "menagerie:", "MENAGERIE_ROOT"
+
+
+def find_model(folder: Path, name: str) -> Path:
+    """The file of a model: a path relative to a folder, or `menagerie:NAME` in a checkout of MuJoCo Menagerie.
+
+    Raises:
+        UsageError: there is no checkout, or no such model in it.
+    """
+    if not name.startswith(MENAGERIE):
+        return folder / name
+    wanted, root = name.removeprefix(MENAGERIE), os.environ.get(MENAGERIE_ROOT, "")
+    if not root or not Path(root).is_dir():
+        told = f"{MENAGERIE_ROOT}={root} is no folder" if root else f"{MENAGERIE_ROOT} is not set"
+        raise UsageError(
+            f"model: {name} needs a checkout of MuJoCo Menagerie, and {told}",
+            f"clone it, then set {MENAGERIE_ROOT} to its folder; nothing is downloaded here",
+        )
+    place = Path(root) / wanted
+    if place.with_name(f"{place.name}.xml").is_file():
+        return place.with_name(f"{place.name}.xml")
+    models = sorted((path for path in place.glob("*.xml") if "scene" not in path.stem), key=lambda path: (len(path.stem), path))
+    if not models:
+        known = ", ".join(sorted(path.name for path in Path(root).iterdir() if path.is_dir() and list(path.glob("*.xml")))[:80])
+        raise UsageError(f"model: no model {wanted!r} in {root}", f"models there: {known or 'none'}")
+    return models[0]
 
 
 def read_mjcf(path: Path) -> mujoco.MjSpec:

@@ -13,6 +13,8 @@ from skillcli.robots.servos import Servo
 from skillcli.trajectories import Array
 
 OVERLAP = 0.002  # m
+SAMPLED = 40  # random postures
+ALWAYS = 0.9  # share of them in which links overlap that are built into each other
 HELD_SECONDS = 3.0  # after which an arm has come to rest
 SAGS = 0.5, 0.005  # degrees and m from where it is told to be that are worth a note
 FARTHEST = 100.0  # rad: whole turns of a joint, beyond which the servos have torn it apart
@@ -92,6 +94,35 @@ def steady(
         f"up to {missing.max():.2g} kg·m² of motor inertia were added to {light}: at their largest torque these servos would "
         "shake at this time step"
     ]
+
+
+def overlaps(model: mujoco.MjModel, data: mujoco.MjData) -> set[tuple[int, int]]:
+    """Pairs of geoms that overlap where the joints of `data` stand."""
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_collision(model, data)
+    return {(int(contact.geom1), int(contact.geom2)) for contact in data.contact if contact.dist < -OVERLAP}
+
+
+def part_neighbours(scene: mujoco.MjSpec, model: mujoco.MjModel, names: Names, prefix: str) -> list[str]:
+    """Let links not touch each other that overlap wherever the arm stands, and note them: contact would lock their joints."""
+    rng, data = np.random.default_rng(0), mujoco.MjData(model)
+    joints = [model.joint(name) for name in names.joints]
+    ranges = np.array([joint.range if model.jnt_limited[joint.id] else (-np.pi, np.pi) for joint in joints])
+    counts: dict[tuple[str, str], int] = {}
+    for _ in range(SAMPLED):
+        for joint, angle in zip(joints, rng.uniform(ranges[:, 0], ranges[:, 1]), strict=True):
+            data.qpos[joint.qposadr[0]] = angle
+        pairs = {tuple(sorted(model.body(model.geom_bodyid[geom]).name for geom in pair)) for pair in overlaps(model, data)}
+        for a, b in pairs:
+            counts[a, b] = counts.get((a, b), 0) + 1
+    always = sorted(pair for pair, count in counts.items() if count >= ALWAYS * SAMPLED)
+    for a, b in always:
+        scene.add_exclude(bodyname1=a, bodyname2=b)
+    if not always:
+        return []
+    shown = ", ".join(" and ".join(name.removeprefix(prefix) for name in pair) for pair in always)
+    return [f"these overlap wherever the arm stands, so they do not touch each other: {shown}"]
 
 
 def collisions(model: mujoco.MjModel, names: Names, angles: tuple[float, ...], prefix: str) -> list[str]:

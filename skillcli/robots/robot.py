@@ -26,7 +26,7 @@ from skillcli.robots.config import (
     find_robot_file,
     read_description,
 )
-from skillcli.robots.mjcf import compile_model, quietly
+from skillcli.robots.mjcf import compile_model, find_model, quietly
 from skillcli.robots.scene import Names, add_table, fingerprint, set_clock
 from skillcli.robots.servos import Servo
 from skillcli.trajectories import Array
@@ -85,7 +85,7 @@ class Robot:
 
         Args:
             start: joint vector at reset, (n,) rad.
-            timestep: that the task asks for, s; a robot that brings a time step of its own keeps it.
+            timestep: that the task asks for, s; a robot whose own is shorter keeps it.
             period: between two commands, s.
             delay: whether actuators keep a history, so that a domain can delay them.
 
@@ -96,7 +96,8 @@ class Robot:
             spec = self.scene.copy()
             self.check_start(start)
             own = self.description.timestep
-            step = timestep if self.description.verbatim and own is None else self._timestep(period, spec.option.timestep)
+            free = own is None and self.description.verbatim
+            step = timestep if free else min(timestep, self._timestep(period, own or spec.option.timestep))
             set_clock(spec, self.names.servos, step, delay)
         return spec
 
@@ -195,14 +196,18 @@ def build_robot(path: Path, name: str, source: Robot | None = None) -> Robot:
         UsageError: file or model cannot be read, or do not fit.
     """
     with blaming(path), quietly():
-        description = read_description(path)
-        if description.verbatim:
-            return _taken_as_it_is(path, name, description, source)
-        return _imported(path, name, description, source)
+        return build_described(path, name, read_description(path), source)
+
+
+def build_described(path: Path, name: str, description: Description, source: Robot | None = None) -> Robot:
+    """What `build_robot` makes of a description that is, or could be, in the file at `path`."""
+    if description.verbatim:
+        return _taken_as_it_is(path, name, description, source)
+    return _imported(path, name, description, source)
 
 
 def _taken_as_it_is(path: Path, name: str, description: Description, source: Robot | None) -> Robot:
-    scene = mujoco.MjSpec.from_file(str(path.parent / description.model))
+    scene = mujoco.MjSpec.from_file(str(find_model(path.parent, description.model)))
     add_table(scene)
     set_clock(scene, description.joints, description.timestep or TRIED_TIMESTEP, delay=False)
     model = compile_model(scene, Path(description.model))
@@ -229,11 +234,14 @@ def _taken_as_it_is(path: Path, name: str, description: Description, source: Rob
 
 def _imported(path: Path, name: str, description: Description, source: Robot | None) -> Robot:
     scene, names, servos, notes = import_mjcf.build(
-        path.parent / description.model, description, source.as_source if source else None
+        find_model(path.parent, description.model), description, source.as_source if source else None
     )
     _check_timestep(description, scene.option.timestep)
     set_clock(scene, names.servos, description.timestep or scene.option.timestep, delay=False)
     model = compile_model(scene, Path(description.model))
+    if parted := posture.part_neighbours(scene, model, names, import_mjcf.PREFIX):
+        notes += parted
+        model = compile_model(scene, Path(description.model))
     home = description.start or (source.home if source else (0.0,) * len(names.joints))
     reference = source.home if source else home
     if posture.shakes(model, names, servos, reference):

@@ -11,6 +11,7 @@ import numpy as np
 
 from skillcli.errors import UsageError
 from skillcli.robots.config import Gains
+from skillcli.trajectories import Array
 
 # As integers, as compiled models have them.
 _FILTERS = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
@@ -175,6 +176,18 @@ def _reflected(model: mujoco.MjModel, chosen: list[int]) -> dict[str, Any]:
         "damping": sum(float(model.actuator_damping[i]) * _gear(model, i) ** 2 for i in chosen),
         "armature": sum(float(model.actuator_armature[i]) * _gear(model, i) ** 2 for i in chosen),
     }
+
+
+def torque_of(model: mujoco.MjModel, joints: Sequence[str]) -> Array:
+    """The largest torque that each joint can be driven with, (n,) N·m; infinite where the model does not say."""
+    found = []
+    for joint in joints:
+        at = model.joint(joint).id
+        low, high = _force_of(model, _acting_on(model, joint))
+        if model.jnt_actfrclimited[at]:
+            low, high = max(low, model.jnt_actfrcrange[at, 0]), min(high, model.jnt_actfrcrange[at, 1])
+        found.append(min(-low, high))
+    return np.array(found, dtype=float)
 
 
 def _force_of(model: mujoco.MjModel, chosen: list[int]) -> tuple[float, float]:

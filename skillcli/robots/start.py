@@ -32,7 +32,7 @@ def find_start(
     home = np.array(kinematics.robot.home)
     postures = list(kinematics.postures(middle, home, down=True))
     best = max((posture.down for posture in postures), default=0.0)
-    good = [posture for posture in postures if posture.down >= min(best, POINTS_DOWN) - 0.02]
+    good = [posture for posture in postures if posture.down >= min(best - 0.02, POINTS_DOWN)]
     # Elbow up, so that links stay off the table; and not turned farther than need be.
     good.sort(key=lambda posture: TURNED * float(np.abs(posture.angles - home).mean()) - kinematics.height(posture.angles))
     judged = (_judged(kinematics, np.round(posture.angles, _DIGITS), places, down) for posture in good)

@@ -14,7 +14,7 @@ from skillcli.config.randomization import sample
 from skillcli.errors import UsageError
 from skillcli.robots.effort import MAX_BYTES
 from skillcli.robots.posture import gripper_and_axes
-from skillcli.robots.robot import Robot
+from skillcli.robots.robot import Robot, load_robot
 from skillcli.simulation.arm_environment import ArmEnvironment
 from skillcli.simulation.domains import find_domain
 from skillcli.tasks.point.settings import PointTask
@@ -273,10 +273,16 @@ def test_a_start_of_its_own_and_a_raised_base(tmp_path: Path) -> None:
     assert "10 cm from where the source has it" in note
 
 
-def test_links_that_overlap_at_the_start_are_noted(tmp_path: Path) -> None:
+def test_links_that_overlap_everywhere_do_not_touch_each_other_and_are_noted(tmp_path: Path) -> None:
     model = MODEL.replace('size="0.045 0.02"', 'size="0.15 0.15"')
     (note,) = target_robot(described(tmp_path, TORQUE, model)).notes
-    assert "fore2 and hand" in note and "exclude" in note
+    assert "fore2 and hand" in note and "do not touch each other" in note
+
+
+def test_links_that_overlap_at_the_start_are_noted(tmp_path: Path) -> None:
+    folded = "start = [0, -1.2, 0, 3.0, 0, 1.1, 0]\n" + TORQUE
+    (note,) = [note for note in load_robot(described(tmp_path, folded, MODEL)).notes if "overlap" in note]
+    assert "at the task's start these overlap" in note and "exclude" in note
 
 
 @pytest.mark.parametrize("task", [REACH, PUSH])

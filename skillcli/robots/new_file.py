@@ -1,0 +1,292 @@
+"""A robot file for a model that has none: what can be found out is filled in, what was guessed and what is unknown is said."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+
+from skillcli.errors import UsageError
+from skillcli.robots.chain import Chain, find_chain
+from skillcli.robots.config import Description
+from skillcli.robots.hand import Hand, find_hand
+from skillcli.robots.inverse_kinematics import Kinematics
+from skillcli.robots.mjcf import MENAGERIE, compile_model, drop_missing_files, find_model, quietly, read_mjcf
+from skillcli.robots.posture import posed
+from skillcli.robots.robot import Robot, build_described
+from skillcli.robots.servos import find_servos, torque_of
+from skillcli.robots.start import POINTS_DOWN, find_start
+from skillcli.robots.toml_text import RobotText
+from skillcli.robots.tuning import BANDWIDTHS, propose_gains, step_responses
+from skillcli.trajectories import Array
+
+DISTANCES = (0.45, 0.4, 0.5, 0.35, 0.55, 0.3, 0.25)  # of the start from the base, as shares of the reach
+HEIGHTS = (0.17, 0.25, 0.33)  # of the start above the table, likewise
+AROUND = 0.08  # places that have to be within reach lie this far around the start, likewise
+FINGER_GAPS = (0.0, 0.01, 0.02, 0.04, 0.06)  # m that our finger is mounted farther out where it would stand in the hand
+STANDS = 0.02  # m from the table within which a base stands on it
+TIMED_STEPS, REPEATS = 50, 8
+
+
+@dataclass(frozen=True)
+class NewRobot:
+    """A proposal.
+
+    Attributes:
+        text: of the robot file.
+        joints: of the arm, from the base to the hand.
+        guessed: what was decided, and why.
+        unknown: what only a person can know.
+    """
+
+    text: str
+    joints: tuple[str, ...]
+    guessed: tuple[str, ...]
+    unknown: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Draft:
+    """What is known so far."""
+
+    path: Path  # of the robot file
+    keys: dict[str, Any]  # of its description
+    robot: Robot
+    start: tuple[float, ...] | None
+
+    @property
+    def stands(self) -> Array:
+        """The start, or home where none was found, (n,) rad."""
+        return np.array(self.start or self.robot.home)
+
+
+def propose_robot(model: str, file: Path) -> NewRobot:
+    """Find out what a robot file has to say of a model.
+
+    Args:
+        model: path of an MJCF or URDF file, or `menagerie:NAME`.
+        file: that the text is for; the model is named relative to it.
+
+    Raises:
+        UsageError: it cannot be read, or holds no arm of 4 to 8 hinges; or no file for it would load.
+    """
+    source = find_model(Path(), model)
+    with quietly():
+        spec = read_mjcf(source)
+        drop_missing_files(spec, source)
+        chain = find_chain(spec)
+        compiled = compile_model(spec, source)
+        hand = find_hand(spec, compiled, chain.joints)
+        text = RobotText(model if model.startswith(MENAGERIE) else _relative(source, file), chain.joints)
+        keys = {"model": text.model, "joints": chain.joints, "gripper": _frame(hand), "finger": hand.finger}
+        if (base := _base(spec, compiled, chain)) is not None:
+            keys["base"] = {"pos": base}
+        torque = torque_of(compiled, chain.joints)
+        draft = _driven(file, keys, compiled, chain, torque)
+        draft = _clear_of_the_hand(draft, hand)
+    return _told(text, draft, chain, hand, _speeds(source, chain.joints), torque, compiled)
+
+
+def _relative(source: Path, file: Path) -> str:
+    """The model as the robot file names it."""
+    try:
+        return source.absolute().relative_to(file.absolute().parent).as_posix()
+    except ValueError:
+        return source.absolute().as_posix()
+
+
+def _frame(hand: Hand) -> dict[str, Any]:
+    return {"body": hand.body, "pos": hand.pos, "quat": hand.quat}
+
+
+def _base(spec: mujoco.MjSpec, model: mujoco.MjModel, chain: Chain) -> tuple[float, float, float] | None:
+    """How far the model has to be moved so that its base stands on the table at the origin, m; None where it does."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    x, y, z = data.xanchor[model.joint(chain.joints[0]).id]
+    first = spec.joint(chain.joints[0]).parent
+    above = [body.name for body in _up(first)][:-1]
+    low = math.inf
+    for geom in range(model.ngeom):
+        if model.body(model.geom_bodyid[geom]).name in above and model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE:
+            box = model.geom_aabb[geom]
+            reach = np.abs(data.geom_xmat[geom].reshape(3, 3)[2]) @ box[3:]
+            centre = data.geom_xpos[geom] + data.geom_xmat[geom].reshape(3, 3) @ box[:3]
+            low = min(low, float(centre[2] - reach))
+    low = low if math.isfinite(low) else float(z)
+    away = (-x if abs(x) > 0.15 else 0.0, -y if abs(y) > 0.15 else 0.0, -low if abs(low) > STANDS else 0.0)
+    moved = tuple(round(float(part), 4) + 0.0 for part in away)
+    return (moved[0], moved[1], moved[2]) if any(moved) else None
+
+
+def _up(body: Any) -> Iterator[Any]:
+    while body is not None:
+        yield body
+        body = body.parent
+
+
+def _driven(file: Path, keys: dict[str, Any], model: mujoco.MjModel, chain: Chain, torque: Array) -> _Draft:
+    """The robot with its own servos where it has some, else with the stiffest proposed gains that answer a step well."""
+    own = _servos(model, chain)
+    if own is not None:
+        return _with_start(file, {**keys, **own})
+    limits = {"force": tuple(float(x) for x in torque)} if np.isfinite(torque).all() else {}
+    drafts = ({**keys, "gains": {**_gains(model, chain, torque, hertz), **limits}} for hertz in BANDWIDTHS)
+    draft = _with_start(file, next(drafts))
+    while not _answers_well(draft) and (softer := next(drafts, None)) is not None:
+        draft = _built(file, softer, draft.start)
+    return draft
+
+
+def _gains(model: mujoco.MjModel, chain: Chain, torque: Array, hertz: float) -> dict[str, Any]:
+    return propose_gains(model, chain.joints, torque, hertz)._asdict()
+
+
+def _answers_well(draft: _Draft) -> bool:
+    return all(response.good for response in step_responses(draft.robot, draft.stands))
+
+
+def _servos(model: mujoco.MjModel, chain: Chain) -> dict[str, Any] | None:
+    """Which of the model's position servos drive the arm; None where a joint has none."""
+    try:
+        find_servos(model, chain.joints, None, None)
+    except UsageError:
+        several = [_first_servo(model, joint) for joint in chain.joints]
+        return None if None in several else {"actuators": tuple(map(str, several))}
+    return {}
+
+
+def _first_servo(model: mujoco.MjModel, joint: str) -> str | None:
+    """The first named position servo of a joint."""
+    for i in range(model.nactuator):
+        name = model.actuator(i).name
+        try:
+            if name:
+                find_servos(model, [joint], [name], None)
+                return str(name)
+        except UsageError:
+            continue
+    return None
+
+
+def _with_start(file: Path, keys: dict[str, Any]) -> _Draft:
+    """The robot, and a start with its gripper down before it where there is one."""
+    draft = _built(file, keys, None)
+    kinematics, reach = Kinematics(draft.robot), draft.robot.workspace.reach
+    cube = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * AROUND * reach
+    best: tuple[float, tuple[float, ...]] | None = None
+    for height, distance in product(HEIGHTS, DISTANCES):
+        middle = np.array([distance * reach, 0.0, height * reach])
+        start = find_start(kinematics, middle, middle + cube, None)
+        if start is None:
+            continue
+        down = -float(kinematics.gripper(np.array(start))[1][2])
+        best = max(best or (down, start), (down, start))
+        if down >= POINTS_DOWN:
+            break
+    return draft if best is None else _built(file, keys, best[1])
+
+
+def _built(file: Path, keys: dict[str, Any], start: tuple[float, ...] | None) -> _Draft:
+    keys = keys if start is None else {**keys, "start": start}
+    return _Draft(file, keys, build_described(file, file.stem, Description.model_validate(keys)), start)
+
+
+def _clear_of_the_hand(draft: _Draft, hand: Hand) -> _Draft:
+    """Our finger mounted farther out, where it would stand in the hand."""
+    if hand.finger is not None:
+        return draft
+    for gap in FINGER_GAPS:
+        turned = np.zeros(9)
+        mujoco.mju_quat2Mat(turned, np.array(hand.quat))
+        pos = tuple(round(float(x), 5) for x in np.array(hand.pos) + gap * turned.reshape(3, 3)[:, 2])
+        tried = draft if gap == 0 else _built(draft.path, {**draft.keys, "gripper": {**_frame(hand), "pos": pos}}, draft.start)
+        if not any("finger" in note for note in tried.robot.notes):
+            return tried
+    return draft
+
+
+def _speeds(source: Path, joints: tuple[str, ...]) -> tuple[float, ...] | None:
+    """Largest speeds that a URDF says, (n,) rad/s; MJCF has no place for them."""
+    try:
+        root = ElementTree.parse(source).getroot()
+    except ElementTree.ParseError:
+        return None
+    said = {joint.get("name"): joint.find("limit") for joint in root.iter("joint")} if root.tag == "robot" else {}
+    limits = [said.get(name) for name in joints]
+    speeds = [float(limit.get("velocity", 0)) for limit in limits if limit is not None]
+    return tuple(speeds) if len(speeds) == len(joints) and all(speed > 0 for speed in speeds) else None
+
+
+def _told(
+    text: RobotText,
+    draft: _Draft,
+    chain: Chain,
+    hand: Hand,
+    speeds: tuple[float, ...] | None,
+    torque: Array,
+    model: mujoco.MjModel,
+) -> NewRobot:
+    guessed = [f"the arm is the {len(chain.joints)} hinges from {chain.joints[0]} to {chain.joints[-1]}"]
+    guessed += [f"another arm, from {first} to {last}, is left alone" for first, last in chain.others]
+    guessed.append(f"the gripper is {hand.because}, its axis that of the last joint")
+    unknown = ["the payload, and which frame is the tool's: check [gripper] against the arm's drawing"]
+    if "base" in draft.keys:
+        guessed.append("the base is moved to stand on the table at the origin")
+    if "actuators" in draft.keys:
+        guessed.append("joints have several position servos: the first of each is taken")
+    if "gains" in draft.keys:
+        responses = step_responses(draft.robot, draft.stands)
+        worst, left = max(each.overshoot for each in responses), max(each.left for each in responses)
+        guessed.append(
+            "gains are those of critically damped servos for the inertia of the links; "
+            f"a step overshoots by {100 * abs(worst):.0f} %, and ends {100 * left:.0f} % off"
+        )
+    if not np.isfinite(torque).all():
+        unknown.append("the largest torque of each joint: gains.force, of its data sheet, in N·m")
+    if speeds is None:
+        unknown.append("the largest speed of each joint: speed_limit, of its data sheet, in rad/s")
+    else:
+        guessed.append("speed_limit is what the URDF says")
+    if draft.start is None:
+        unknown.append("a start: none was found with the gripper down before the base; is base.quat right?")
+    if meshes := _mesh_cost(draft):
+        guessed.append(meshes)
+    guessed += [f"loading it: {note}" for note in draft.robot.notes]
+    return NewRobot(text.written(draft.keys, speeds, guessed, unknown), chain.joints, tuple(guessed), tuple(unknown))
+
+
+def _mesh_cost(draft: _Draft) -> str:
+    """What collision with meshes costs, in words; empty where no mesh collides."""
+    model = draft.robot.model
+    meshes = (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH) & ((model.geom_contype | model.geom_conaffinity) > 0)
+    if not meshes.any():
+        return ""
+    without = draft.robot.scene.copy()
+    for geom in without.geoms:
+        if geom.type == mujoco.mjtGeom.mjGEOM_MESH:
+            geom.contype = geom.conaffinity = 0
+    bare, seconds = without.compile(), [math.inf, math.inf]
+    for _ in range(REPEATS):  # by turns, and the shortest counts: other work on the machine only ever adds
+        seconds = [min(least, _seconds(draft, each)) for least, each in zip(seconds, (model, bare), strict=True)]
+    share = 100 * max(0.0, 1 - seconds[1] / seconds[0])
+    return f"{int(meshes.sum())} meshes collide as their convex hulls, which takes {share:.0f} % of a step"
+
+
+def _seconds(draft: _Draft, model: mujoco.MjModel) -> float:
+    """What some steps at the start take."""
+    data, names = posed(model, draft.robot.names, tuple(draft.stands)), draft.robot.names
+    for name, angle in zip(names.servos, draft.stands, strict=True):
+        data.ctrl[model.actuator_ctrladr[model.actuator(name).id]] = angle
+    began = time.perf_counter()
+    for _ in range(TIMED_STEPS):
+        mujoco.mj_step(model, data)
+    return time.perf_counter() - began

@@ -1,0 +1,106 @@
+"""Gains for an arm that is driven by motors, or by nothing: from the inertia of its links and a bandwidth, tested by a step."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from skillcli.robots.robot import Robot
+from skillcli.trajectories import Array
+
+BANDWIDTHS = (5.0, 4.0, 3.0, 2.0)  # Hz, the stiffest first
+POSTURES = 30  # over which the inertia is averaged
+MOTOR_ACCELERATION = 250.0  # rad/s²: a geared motor brings itself to about that, so its inertia is its torque over this
+LIGHTEST = 0.02  # kg·m², of a joint whose torque is not known
+STEP, STEPS, PERIOD = 0.04, 5, 0.05  # rad, and how many such commands at 20 Hz
+SETTLED_SECONDS = 0.6
+OVERSHOOT, LEFT = 0.15, 0.02  # shares of the step that a good servo may overshoot, and may be off in the end
+
+
+class Gains(NamedTuple):
+    """Stiffness N·m/rad and damping N·m·s/rad of each joint."""
+
+    kp: tuple[float, ...]
+    kv: tuple[float, ...]
+
+
+class Response(NamedTuple):
+    """How a joint answers a step, as shares of the step."""
+
+    overshoot: float
+    left: float  # of the way, in the end
+
+    @property
+    def good(self) -> bool:
+        """Whether a policy can be trained on such a servo."""
+        return self.overshoot <= OVERSHOOT and self.left <= LEFT
+
+
+def propose_gains(model: mujoco.MjModel, joints: tuple[str, ...], torque: Array, bandwidth: float) -> Gains:
+    """Critically damped servos: kp = I ω², kv = 2 I ω, with the mean inertia I that a joint has when the others stand still.
+
+    Args:
+        model: of the arm.
+        joints: its hinges.
+        torque: largest of each joint, (n,) N·m; infinite where it is not known.
+        bandwidth: ω / 2π, Hz.
+    """
+    inertia = np.maximum(mean_inertia(model, joints), np.where(np.isfinite(torque), torque / MOTOR_ACCELERATION, LIGHTEST))
+    omega = 2 * np.pi * bandwidth
+    return Gains(_significant(inertia * omega**2), _significant(2 * inertia * omega))
+
+
+def mean_inertia(model: mujoco.MjModel, joints: tuple[str, ...]) -> Array:
+    """Inertia of each joint with the others locked, in the mean over random postures, (n,) kg·m²."""
+    rng, data = np.random.default_rng(0), mujoco.MjData(model)
+    found = [model.joint(name) for name in joints]
+    qpos, dofs = [joint.qposadr[0] for joint in found], [joint.dofadr[0] for joint in found]
+    ranges = np.array([joint.range if model.jnt_limited[joint.id] else (-np.pi, np.pi) for joint in found])
+    total = np.zeros(len(joints))
+    for _ in range(POSTURES):
+        data.qpos[qpos] = rng.uniform(ranges[:, 0], ranges[:, 1])
+        mujoco.mj_fwdPosition(model, data)
+        whole = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, whole)
+        total += np.diag(whole)[dofs]
+    mean: Array = total / POSTURES
+    return mean
+
+
+def step_responses(robot: Robot, start: Array) -> list[Response]:
+    """What each joint does when its command moves from the start (n,) rad by some steps of a policy, and then stays."""
+    model, names = robot.model, robot.names
+    qpos = [model.joint(name).qposadr[0] for name in names.joints]
+    controls = [model.actuator_ctrladr[model.actuator(name).id] for name in names.servos]
+    substeps = max(1, round(PERIOD / model.opt.timestep))
+    found = []
+    for joint in range(len(qpos)):
+        data = mujoco.MjData(model)
+        data.qpos[qpos], data.ctrl[controls] = start, start
+        away = _away_from_limits(robot, joint, float(start[joint]))
+        reached = []
+        for control in range(STEPS + round(SETTLED_SECONDS / PERIOD)):
+            data.ctrl[controls[joint]] = start[joint] + away * STEP * min(control + 1, STEPS)
+            for _ in range(substeps):
+                mujoco.mj_step(model, data)
+                reached.append(away * float(data.qpos[qpos[joint]] - start[joint]) / (STEP * STEPS))
+        track = np.array(reached)
+        if not (np.isfinite(track).all() and np.abs(track).max() < 10):
+            found.append(Response(np.inf, np.inf))
+        else:
+            found.append(Response(float(track.max() - 1), float(abs(track[-substeps:].mean() - 1))))
+    return found
+
+
+def _away_from_limits(robot: Robot, joint: int, angle: float) -> float:
+    """The direction in which a joint has more room."""
+    found = robot.model.joint(robot.names.joints[joint])
+    low, high = found.range if robot.model.jnt_limited[found.id] else (-np.inf, np.inf)
+    return 1.0 if high - angle >= angle - low else -1.0
+
+
+def _significant(numbers: Array) -> tuple[float, ...]:
+    """Rounded to three digits: more would say that they are known."""
+    return tuple(float(f"{x:.3g}") for x in numbers)
