@@ -8,6 +8,7 @@ import pytest
 from test_imports import FLOORS
 
 import skillcli
+from skillcli.kinds import KINDS
 
 TESTS, PACKAGE = Path(__file__).parent, Path(skillcli.__file__).parent
 OF_THEIR_OWN = {"store/golden", "store/hostile"}  # files of every schema there has been, and files made to do harm
@@ -41,6 +42,11 @@ def test_the_docs_show_every_part_on_its_floor() -> None:
     above = set[str]().union(*FLOORS)
     ground = {path.stem for path in PACKAGE.glob("[a-z]*.py")} - above
     assert shown == dict(enumerate([ground, *FLOORS]))
+
+
+def test_every_stage_is_called_as_the_kind_that_it_writes() -> None:
+    stages = {path.stem.replace("_", "-") for path in (PACKAGE / "stages").glob("[a-z]*.py")}
+    assert stages == {*KINDS, "chain"}, "chain calls them one after the other"
 
 
 @pytest.mark.parametrize("study", sorted(path.stem for path in (TESTS.parent / "studies").glob("[!_]*.py")))

@@ -51,8 +51,8 @@ def viz(
     if output is not None and output.suffix.lower().removeprefix(".") in FORMATS:
         raise UsageError(f"{output} has the suffix of a figure, but -o writes a recording", f"for a figure: --png {output}")
     found = session.pick(source)
-    from skillcli.stages.visualise import record
     from skillcli.viz import viewer
+    from skillcli.viz.visualise import record
 
     if open_viewer or web:
         viewer.check(window=not web)

@@ -11,7 +11,7 @@ from skillcli.cli import complete
 from skillcli.cli.session import Session
 
 if TYPE_CHECKING:
-    from skillcli.stages.report import Reported
+    from skillcli.viz.report.write import Reported
 
 
 def register(app: typer.Typer) -> None:
@@ -35,7 +35,7 @@ def report(
     session: Session = context.obj
     store = session.store
     found = [store.resolve(source) for source in sources or ()]
-    from skillcli.stages.report import report as stage
+    from skillcli.viz.report.write import report as stage
 
     done = stage(store, found, output)
     for skipped in done.page.skipped:

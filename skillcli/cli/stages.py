@@ -242,7 +242,7 @@ def _chain(session: Session, recipe: str, seed: int, name: str | None, overrides
     from skillcli.kinds import COMPOSE
     from skillcli.recipe import load_recipe
     from skillcli.stages.chain import run_chain
-    from skillcli.stages.visualise import draw, record
+    from skillcli.viz.visualise import draw, record
 
     resolved = load_recipe(recipe, overrides or ())
     folder = checked(name) or resolved.name

@@ -28,10 +28,10 @@ from skillcli.progress import Progress
 from skillcli.recipe import resolve
 from skillcli.simulation.domains import find_domain, find_domains
 from skillcli.stages.transfer_eval import transfer_eval
-from skillcli.stages.visualise import draw
 from skillcli.store import Artifact, ArtifactId, Store
 from skillcli.trajectories import SAFETY_LIMITS, Array, Trajectories
 from skillcli.viz.loading import scene_of
+from skillcli.viz.visualise import draw
 
 SOURCE = ArtifactId("tiny", "compose", 1)
 ROBOT = Path(__file__).parent.parent / "robots" / "servo.toml"

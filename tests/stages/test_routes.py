@@ -22,13 +22,13 @@ from skillcli.recipe import load_recipe
 from skillcli.simulation.domains import find_domain
 from skillcli.stages.compose import Request, execute
 from skillcli.stages.pretrain import evaluate
-from skillcli.stages.visualise import draw, record
 from skillcli.store import STAGES, Artifact, ArtifactId, Store
 from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.world import World
 from skillcli.trajectories import Array, Trajectories
 from skillcli.viz import motion
 from skillcli.viz.loading import scene_of
+from skillcli.viz.visualise import draw, record
 
 # What `push_chain` is composed of, m.
 ROUTES = tuple(np.array([[0.6 + x, y, 0.0] for x, y in route]) for route in PLACES)

@@ -16,12 +16,12 @@ from command import made, skill
 
 from skillcli.errors import SkillError, UnknownArtifact
 from skillcli.recipe import load_recipe, recipe_names, resolve
-from skillcli.stages.report import as_toml, report
 from skillcli.store import ArtifactId, Draft, Store
 from skillcli.viz import figure_style
 from skillcli.viz.report import comparison, figures
 from skillcli.viz.report.content import Number, Row
 from skillcli.viz.report.selection import Exhibit, select
+from skillcli.viz.report.write import as_toml, report
 
 pytestmark = pytest.mark.slow
 

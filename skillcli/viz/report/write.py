@@ -17,6 +17,7 @@ from skillcli.viz.files import replacing
 from skillcli.viz.report.comparison import tables
 from skillcli.viz.report.content import Missing, Origin, Page, RecipeText
 from skillcli.viz.report.figures import SLUGS, make_figures
+from skillcli.viz.report.page import render
 from skillcli.viz.report.selection import Material, select
 
 SUFFIXES = ("pdf", "png")  # of the figures beside the page
@@ -42,8 +43,6 @@ def report(store: Store, ids: Sequence[ArtifactId], path: Path) -> Reported:
     Raises:
         SkillError: there is nothing to report, or the files cannot be written. Nothing is left half-written.
     """
-    from skillcli.viz.report import render  # jinja2 and matplotlib are slow to import
-
     _check_place(path)
     material = select(store, ids)
     figures, missing = make_figures(material)
