@@ -86,6 +86,15 @@ class _SkillsRecipe(Section):
         return name
 
 
+# Methods whose section every recipe writes out. Others came later, and stored recipes stay the same without them.
+_WRITTEN_OUT = ("search", "interpolate", "sequence", "ddpg", "ppo", "mpc")
+
+
+def _section(method: str, settings: MethodSettings) -> Any:
+    """The default of a recipe field that holds the section of a method."""
+    return settings if method in _WRITTEN_OUT else optional_value(settings, f"settings of --method {method}")
+
+
 if TYPE_CHECKING:
     _PlannedRecipe = _SkillsRecipe
 else:  # one section for each method
@@ -93,7 +102,7 @@ else:  # one section for each method
         "_PlannedRecipe",
         __base__=_SkillsRecipe,
         __module__=__name__,
-        **{name: (spec.settings, spec.settings()) for name, spec in all_specs().items()},
+        **{name: (spec.settings, _section(name, spec.settings())) for name, spec in all_specs().items()},
     )
 
 

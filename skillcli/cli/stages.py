@@ -143,6 +143,8 @@ def compose(
     with _whole(COMPOSE.name), session.progress() as on_progress:
         artifact = stage(session.store, found, recipe, request, method, session.command, checked(name), on_progress, seed, on)
     planned = COMPOSE.results_of(artifact)
+    for note in planned.notes or ():
+        session.say(note, "yellow")
     if not planned.waypoints_met:
         session.say(f"the plan does not meet every waypoint: {spec.hint}", "yellow")
     for violation in planned.broken:

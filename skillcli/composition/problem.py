@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeVar
 
@@ -54,6 +54,8 @@ class PlanningProblem:
     ]  # latents (n, d) held for an episode and targets (n, 3) m, to its ends (n, 3) m
     cost_to_go: CostToGo = STRAIGHT
     entries: tuple[Entry, ...] = ()  # entries of a written plan
+    mixtures: bool = False  # whether mixtures of the skills were trained
+    handed_over: Mapping[str, MethodSettings] = field(default_factory=dict)  # settings of methods that may plan instead
     robots: int = 1  # M, robots that try every latent
     seed: int = 0
     on_progress: OnProgress = silent
@@ -102,6 +104,7 @@ class PlanResult:
     replayed_seconds: float = 0.0  # robot time to return to the states that latents were tried from
     weights: dict[str, Array] = field(default_factory=dict)  # weights of a learned composer
     curves: dict[str, Array] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()  # what the user should know of the plan, a line each
 
     @property
     def with_returns(self) -> float:

@@ -35,6 +35,10 @@ METHODS = {
         "goals in order, over the means (and half-way latents): shortest plan first, A*, or greedy",
         "skillcli.composition.search",
     ),
+    "map": Method(
+        "one latent for a goal between the trained ones, corrected by a few trials; for skills trained with mixtures",
+        "skillcli.composition.latent_map",
+    ),
     "interpolate": Method(
         "hold one skill, blend into the next, hold it; with a calibration of the latents between all pairs",
         "skillcli.composition.interpolation",

@@ -56,7 +56,7 @@ def compose_inputs(
     parts: list[Any] = [
         source.content_sha256,
         method,
-        recipe.fingerprint([method]),
+        recipe.fingerprint(method_spec(method).sections),
         request.task,
         request.waypoints,
         request.route,

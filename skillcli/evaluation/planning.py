@@ -6,6 +6,7 @@ import numpy as np
 
 from skillcli.composition.latent_environment import LatentEnvironment
 from skillcli.composition.method import PlanningProblem
+from skillcli.composition.registry import method_spec
 from skillcli.composition.route import STRAIGHT
 from skillcli.composition.sequence import Entry
 from skillcli.evaluation.held import rollout_held
@@ -59,6 +60,8 @@ def problem_of(
         hold_to_end=hold_to_end,
         cost_to_go=cost_to_go(task) or STRAIGHT,
         entries=entries,
+        mixtures=recipe.mixtures.share > 0,
+        handed_over={name: recipe.settings_of(name) for name in method_spec(method).sections[1:]},
         robots=robots.count,
         seed=seed,
         on_progress=on_progress,

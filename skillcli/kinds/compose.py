@@ -106,6 +106,7 @@ class ComposeResults(Record):
     on: str = unsaid("")  # domain that was planned on, "" for the nominal simulation
     robots: int = unsaid(1)  # that tried every latent
     calibration: CalibrationResults | None = unsaid(None)  # of interpolations
+    notes: tuple[str, ...] | None = unsaid(None)  # what the method says of its plan, a line each
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -115,6 +115,7 @@ def compose(
                 broken=broken,
                 on=on,
                 robots=robots.count,
+                notes=tuple(dict.fromkeys(note for found in planned for note in found.notes)) or None,
                 **finding.results,
             ).json(),
             measured=ComposeMeasured(planning_seconds=planning_seconds).json(),

@@ -7,8 +7,8 @@ import numpy as np
 from skillcli import metrics
 from skillcli.evaluation.held import rollout_held
 from skillcli.evaluation.inputs import embed_means_inputs
-from skillcli.evaluation.latent_map import judge_map
 from skillcli.evaluation.library import open_library
+from skillcli.evaluation.map_quality import judge_map
 from skillcli.kinds import EMBED_MEANS, PRETRAIN
 from skillcli.kinds.embed_means import EmbedMeansResults, Halfway, MeanSkill
 from skillcli.kinds.record import point

@@ -27,6 +27,7 @@ SHORT = tuple(
 )  # fmt: skip
 TYPED: dict[str, tuple[str, ...]] = {
     "search": GOAL,
+    "map": (*GOAL, "--trials", "2"),
     "interpolate": ("--skills", "3,4,8", "--hold", "0.2", "--blend", "0.1"),
     "sequence": ("--plan", "3:0.2,3~4:0.2,3~4@0.25:0.1,4:0.2"),
     "ddpg": (*GOAL, "--iterations", "3", "--seed", "1"),
@@ -138,7 +139,11 @@ BAD: list[tuple[tuple[str, ...], int, str]] = [
     (("--method", "magic", "--plan", "3"), 2, "no method 'magic'"),
     (("--method", "mpc", "--plan", "3"), 2, "--plan belongs to --method sequence, not to mpc"),
     (("--plan=3",), 2, "--plan belongs to --method sequence, not to search"),
-    (("--method", "sequence", "--seed", "1", "--plan", "3"), 2, "--seed belongs to --method search or ddpg or ppo or mpc"),
+    (
+        ("--method", "sequence", "--seed", "1", "--plan", "3"),
+        2,
+        "--seed belongs to --method search or map or ddpg or ppo or mpc",
+    ),
     (("--method", "sequence"), 2, "the plan is empty"),
     (("--method", "sequence", "--plan", " "), 2, "the plan is empty"),
     (("--method", "sequence", "--plan", "9"), 2, "no skill '9'"),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from command import TINY_SET, made, skill
 
-from skillcli.evaluation.latent_map import PLACES, JudgedMap
+from skillcli.evaluation.map_quality import PLACES, JudgedMap
 from skillcli.hull import Hull
 from skillcli.store import Store
 

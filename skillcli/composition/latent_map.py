@@ -1,0 +1,137 @@
+"""The map: one latent for a goal between the trained ones, without a search.
+
+Where mixtures of skills were trained, the latent Σ w_t mean_t leads to Σ w_t goal_t (`learning.mixtures`). So a goal is
+inverted, to the weights that give it (`hull.Hull`) and to their latent. That latent is tried in the simulation, and its error
+corrected. With f(a) the end of the latent that the map gives for an aim a, wanted is f(a) = goal:
+
+    a <- a - B^-1 (f(a) - goal)        B <- B + (Δf - B Δa) Δa^T / (Δa^T Δa)
+
+from a = goal and B = 1, which a perfect map needs no more than (Broyden 1965, Mathematics of Computation 19, his first method).
+No map leads out of the hull of the trained goals: beyond it search plans.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from skillcli.composition import search
+from skillcli.composition.latent_environment import LatentEnvironment
+from skillcli.composition.method import MethodSettings, MethodSpec, Option, PlanningProblem, PlanResult
+from skillcli.composition.plan import Segment
+from skillcli.composition.route import risk_adjusted
+from skillcli.config.base import value
+from skillcli.hull import Hull
+from skillcli.progress import Progress
+from skillcli.trajectories import Array
+
+OUTSIDE = 1e-3  # m: a goal that is nearer to the hull counts as inside
+LONGEST_STEP = 2.0  # of a correction, in errors: a map less than half as steep as it should be is corrected in several steps
+POOR = "these skills were trained without mixtures: between their goals the map is a guess"
+
+
+class MapSettings(MethodSettings):
+    """One latent for each goal, read off the map."""
+
+    trials: int = value(8, "latents held at most until one ends close enough; 1 takes the map as it is", "", ge=1, le=100)
+    goal_tolerance: float = value(0.005, "a latent that ends this close to its goal is good enough", "m", gt=0)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A latent that was held for an episode."""
+
+    aim: Array  # (3,) m, where the map was asked for
+    latent: Array  # (d,)
+    end: Array  # (3,) m, in the mean over the robots
+    failed: bool  # on any robot
+    error: float  # m from the goal, adjusted for risk over the robots
+    sim_state: Array  # (S,) at the end
+
+    @property
+    def merit(self) -> tuple[bool, float]:
+        """How good it is, less is better."""
+        return self.failed, self.error
+
+
+class Inversion:
+    """Finds the latent for one goal, from one state.
+
+    Args:
+        problem: the skills.
+        world: where latents are tried.
+        sim_state: (S,) at the start of the segment.
+        goal: (3,) m.
+    """
+
+    def __init__(self, problem: PlanningProblem, world: LatentEnvironment, sim_state: Array, goal: Array) -> None:
+        self._problem, self._world, self._sim_state, self._goal = problem, world, sim_state, goal
+        self._hull, self._slope = Hull(problem.goals), np.eye(len(goal))
+
+    def solve(self) -> Trial:
+        """Try latents until one ends close enough, or there is nothing to correct; returns the best."""
+        settings = self._problem.settings_as(MapSettings)
+        best = trial = self._hold(self._goal)
+        for number in range(1, settings.trials):
+            if not best.failed and best.error <= settings.goal_tolerance:
+                break
+            following = self._hold(trial.aim + self._step(trial))
+            moved, ends = following.aim - trial.aim, following.end - trial.end
+            if moved @ moved < 1e-12:  # on the rim of the hull, and wants to leave it
+                break
+            self._slope += np.outer(ends - self._slope @ moved, moved) / (moved @ moved)
+            trial = following
+            best = min(best, trial, key=lambda each: each.merit)
+            note = f"ends {best.error:.3f} m from the goal"
+            self._problem.on_progress(Progress("compose", number + 1, settings.trials, "latents", note=note))
+        return best
+
+    def _step(self, trial: Trial) -> Array:
+        error = trial.end - self._goal
+        step = -np.linalg.lstsq(self._slope, error, rcond=None)[0]
+        longest = LONGEST_STEP * np.linalg.norm(error)
+        shortened: Array = step * min(1.0, longest / max(float(np.linalg.norm(step)), 1e-12))
+        return shortened
+
+    def _hold(self, aim: Array) -> Trial:
+        weights = self._hull.weights(aim[None])[0]
+        latent = weights @ self._problem.mean
+        outcome = self._world.hold(self._sim_state[None], latent[None], self._problem.horizon)
+        ends = outcome.path[0, :, -1, 0]  # (M, 3)
+        error = float(risk_adjusted(np.linalg.norm(ends - self._goal, axis=1)))
+        failed = bool(outcome.failed.any())
+        return Trial(weights @ self._problem.goals, latent, ends.mean(axis=0), failed, error, outcome.sim_states[0])
+
+
+def plan(problem: PlanningProblem) -> PlanResult:
+    """Hold one latent for each waypoint, an episode long; search plans where one is outside the hull."""
+    gap = float(Hull(problem.goals).gap(problem.waypoints).max())
+    if gap > OUTSIDE:
+        found = search.plan(replace(problem, settings=problem.handed_over[search.METHOD.name]))
+        note = f"a goal is {100 * gap:.1f} cm outside the hull of the trained goals, where there is no map: search planned"
+        return replace(found, notes=(note,))
+    world = problem.make_world(1)
+    segments: list[Segment] = []
+    sim_state, _ = world.start()
+    replayed = 0.0
+    for waypoint in problem.waypoints:
+        before = world.held
+        trial = Inversion(problem, world, sim_state, waypoint).solve()
+        replayed += (world.held - before) * len(segments) * problem.horizon * problem.robots * problem.period
+        segments.append(Segment(trial.latent, -1, "map", problem.horizon))
+        sim_state = trial.sim_state
+    spent = world.control_steps * problem.period
+    return PlanResult(segments, world.held, spent, replayed, notes=() if problem.mixtures else (POOR,))
+
+
+METHOD = MethodSpec(
+    name="map",
+    settings=MapSettings,
+    plan=plan,
+    hint="more --trials correct further; a library trained with mixtures has a better map; else --method search",
+    options=(Option("trials", "Latents held at most until one ends close enough; 1 takes the map as it is.", "N", int),),
+    ensemble=True,
+    on_target=True,
+    hands_over_to=search.METHOD.name,
+)
