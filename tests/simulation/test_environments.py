@@ -184,6 +184,17 @@ def test_the_reward_follows_the_target_and_not_the_skill(task: Task) -> None:
     assert np.ptp(env.step(action).reward) > 0.01
 
 
+def test_a_mixture_of_goals_is_asked_of_the_simulations_that_are_named(task: Task) -> None:
+    env = fresh(task, 3)
+    weights = np.full((2, len(env.goals)), 0.0)
+    weights[0, :2], weights[1, 1] = (0.25, 0.75), 1.0
+    before = env.desired_goal[1].copy()
+    env.mix_goals(np.array([2, 0]), weights)
+    np.testing.assert_allclose(env.desired_goal[2], 0.25 * env.goals[0] + 0.75 * env.goals[1])
+    np.testing.assert_allclose(env.desired_goal[0], env.goals[1])
+    np.testing.assert_array_equal(env.desired_goal[1], before)
+
+
 def test_landmarks_are_the_judged_point_and_what_else_a_planner_needs(task: Task) -> None:
     env = fresh(task, 3)
     drive(env, random_actions(env, STEPS))
