@@ -17,7 +17,8 @@ from skillcli.trajectories import Array
 REACHED = 1e-3  # m from the place: the gripper is there
 DOWN_WEIGHT = 5e-3  # m: what a gripper that points sideways counts as; small, so that the place always counts more
 NEAR_WEIGHT = 5e-4  # m/rad: of the distance from the posture to stay near to
-SEARCHES = 12  # from other postures, where the given one leads nowhere
+MOST_STEPS = 40  # of one search
+SEARCHES = 8  # from other postures, where the given one leads nowhere
 
 
 class Posture(NamedTuple):
@@ -62,8 +63,8 @@ class Kinematics:
         return float(self.data.xanchor[self._joints, 2].mean())
 
     def solve(self, place: Array, near: Array, down: bool = False) -> Posture | None:
-        """The first of `postures`, None where there is none."""
-        return next(self.postures(place, near, down), None)
+        """Find the posture that a search from `near` leads to, None where it leads to none; see `postures`."""
+        return self._search(place, np.clip(near, self.low, self.high), near, down)
 
     def postures(self, place: Array, near: Array, down: bool = False) -> Iterator[Posture]:
         """Postures without collision with the gripper at a place (3,) m, the one searched from `near` first.
@@ -106,7 +107,7 @@ class Kinematics:
             return np.concatenate([moves, weight * np.cross(turns.T, axis).T, NEAR_WEIGHT * np.eye(len(angles))])
 
         inside = np.clip(first, self.low + 1e-6, self.high - 1e-6)  # scipy starts strictly inside
-        angles: Array = least_squares(residual, inside, jacobian, bounds=(self.low, self.high), max_nfev=100).x
+        angles: Array = least_squares(residual, inside, jacobian, bounds=(self.low, self.high), max_nfev=MOST_STEPS).x
         at, axis = self.gripper(angles)
         if np.linalg.norm(at - place) > REACHED or self.collides(angles):
             return None

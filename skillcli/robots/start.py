@@ -16,7 +16,12 @@ _DIGITS = 4  # of the angles of a start, rad
 
 
 def find_start(
-    kinematics: Kinematics, middle: Array, places: Array, given: Sequence[float] | None, down: float | None = None
+    kinematics: Kinematics,
+    middle: Array,
+    places: Array,
+    given: Sequence[float] | None,
+    down: float | None = None,
+    near: Sequence[float] | None = None,
 ) -> tuple[float, ...] | None:
     """A start from which all places are within reach without a collision, None where there is none.
 
@@ -25,10 +30,14 @@ def find_start(
         middle: where the gripper should stand at the start, pointing down as far as the arm can, (3,) m.
         places: that have to be within reach, (P, 3) m.
         given: a start to keep to, (n,) rad.
+        near: a start for a place nearby, (n,) rad: one like it is taken, or none.
         down: least cosine between the gripper and straight down at all places; None where any direction will do.
     """
     if given is not None:
         return _judged(kinematics, np.array(given, dtype=float), places, down)
+    if near is not None:
+        alike = kinematics.solve(middle, np.array(near), down=True)
+        return None if alike is None else _judged(kinematics, np.round(alike.angles, _DIGITS), places, down)
     home = np.array(kinematics.robot.home)
     postures = list(kinematics.postures(middle, home, down=True))
     best = max((posture.down for posture in postures), default=0.0)
@@ -42,7 +51,8 @@ def find_start(
 def _judged(kinematics: Kinematics, start: Array, places: Array, down: float | None) -> tuple[float, ...] | None:
     if kinematics.collides(start):
         return None
-    for place in places:
+    here, _ = kinematics.gripper(start)
+    for place in sorted(places, key=lambda each: -float(np.linalg.norm(each - here))):  # the farthest fails first
         posture = kinematics.solve(place, start, down=down is not None)
         if posture is None or not kinematics.passes(start, posture.angles) or posture.down < (-1 if down is None else down):
             return None

@@ -38,6 +38,11 @@ def no_check(*_: Any) -> None:
     """Accept everything."""
 
 
+def unchanged_route(_: Any, route: Route) -> Route:
+    """Return the route."""
+    return route
+
+
 def straight_distance(_: Any) -> None:
     """Return None: only the straight distance counts."""
 
@@ -79,6 +84,7 @@ class TaskSpec:
         check_goal: refuses a goal (3,) m that no skill can reach, for settings, robot and goal.
         check_start: refuses invalid starts, for settings and how far an object may be moved, from and to, m.
         compositions: named routes.
+        fit_route: a named route as it is typed for settings whose goals lie elsewhere than the task's own; by default as it is.
         chains: named chains of skills by number, for interpolation.
         cost_to_go: cost that planners use, for settings, see `composition.route.CostToGo`; returns None if the straight
             distance is enough.
@@ -98,6 +104,7 @@ class TaskSpec:
     check_goal: Callable[[Any, Robot, Array], None] = no_check
     check_start: Callable[[Any, float, float], None] = no_check
     compositions: Mapping[str, tuple[Route, ...]] = field(default_factory=dict)
+    fit_route: Callable[[Any, Route], Route] = unchanged_route
     chains: Mapping[str, str] = field(default_factory=dict)
     uses_robot: bool = True
     placed: tuple[str, ...] = ()

@@ -164,7 +164,8 @@ class World:
             raise UsageError(
                 f"no composition {name!r} for the {self.task.name} task", f"compositions: {', '.join(known)}; or give --goal"
             )
-        return tuple(np.array([self.place_goal(goal) for goal in route]) for route in known[name])
+        routes = (self.spec.fit_route(self.task, route) for route in known[name])
+        return tuple(np.array([self.place_goal(goal) for goal in route]) for route in routes)
 
 
 def randomize_and_reset(env: Environment, skill: Array, parameters: Mapping[str, Array], rng: Rng) -> None:

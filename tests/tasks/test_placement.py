@@ -30,7 +30,7 @@ def test_the_sawyer_would_be_given_what_the_tasks_were_written_with() -> None:
     assert place_push({}, SAWYER)["box_start"] == list(PushTask().box_start)
 
 
-@pytest.mark.parametrize("arm", ["ur5e", str(TORQUE)])
+@pytest.mark.parametrize("arm", ["ur5e", "panda", str(TORQUE)])
 @pytest.mark.parametrize("task", ["reach", "push"])
 def test_a_recipe_shows_where_the_goals_lie_and_the_arm_gets_there(arm: str, task: str) -> None:
     recipe = resolve({"name": "t", "robot": arm, "task": {"name": task}})
@@ -75,3 +75,25 @@ def test_an_arm_without_room_is_refused_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="no place for the reach task was found on 'high'") as caught:
         resolve({"name": "t", "robot": str(high), "task": {"name": "reach"}})
     assert "task.goals" in caught.value.hint
+
+
+def test_a_named_route_moves_and_shrinks_with_the_goals() -> None:
+    """The triangle of the paper on an arm whose cuboid is half as large and lies nearer."""
+    usual = ReachTask()
+    halved = [[0.2 + 0.5 * (x - 0.5), 0.5 * y, 0.5 * z] for x, y, z in usual.goals]
+    world = World.of(resolve({"name": "t", "robot": "ur5e", "task": {"name": "reach", "goals": halved}}))
+    expected = [[0.25, 0.15, 0.075], [0.25, -0.15, 0.075], [0.25, 0.0, 0.15], [0.25, 0.15, 0.075]]
+    assert world.named_routes("triangle")[0] == pytest.approx(np.array(expected))
+    (same,) = World(usual, SAWYER).named_routes("triangle")
+    assert same.tolist()[0] == [0.6, 0.3, 0.15]
+
+
+@pytest.mark.parametrize("name", ["reach-ur5e", "reach-panda", "reach-so101", "push-ur5e", "push-panda"])
+def test_shipped_recipes_name_their_arm(name: str) -> None:
+    recipe = load_recipe(name)
+    assert recipe.robot == name.split("-")[1] and recipe.name == name
+
+
+def test_a_small_arm_has_no_room_for_the_box() -> None:
+    with pytest.raises(UsageError, match="no place for the push task"):
+        load_recipe("push", robot="so101")

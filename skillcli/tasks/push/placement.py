@@ -45,17 +45,30 @@ def place_push(given: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
 def _box_and_start(
     kinematics: Kinematics, goals: Array, height: float, box: Any, own: Any
 ) -> tuple[list[float], tuple[float, ...]]:
-    usual = PushTask.model_fields["box_start"].default
-    centre = kinematics.robot.workspace.reach * 0.45
-    tried = sorted(((x, usual[1]) for x in PLACES), key=lambda place: abs(place[0] - centre)) if box is None else [box]
-    for x, y in tried:
-        reached = _finger_places(goals, x, y)
+
+    def start_at(x: float, y: float, near: tuple[float, ...] | None) -> tuple[float, ...] | None:
         middle = np.array([x + AHEAD, y, TABLE_TOP + height + ABOVE])
-        start = find_start(kinematics, middle, reached, own, down=POINTS_DOWN)
+        return find_start(kinematics, middle, _finger_places(goals, x, y), own, down=POINTS_DOWN, near=near)
+
+    if box is not None:
+        start = start_at(float(box[0]), float(box[1]), None)
+        if start is None:
+            raise no_place(kinematics.robot, "push", "task.start")
+        return list(box), start
+    usual = 0.45 * kinematics.robot.workspace.reach
+    for first in sorted(range(len(PLACES)), key=lambda i: abs(PLACES[i] - usual)):
+        start = start_at(PLACES[first], 0.0, None)
         if start is not None:
-            return [round(float(x), 3), round(float(y), 3)], start
-    keys = "task.start" if box is not None else "task.box_start and task.start, or smaller task.goals"
-    raise no_place(kinematics.robot, "push", keys)
+            break
+    else:
+        raise no_place(kinematics.robot, "push", "task.box_start and task.start, or smaller task.goals")
+    found = {first: start}
+    for step in (-1, 1):  # as far as there is room to both sides: the middle leaves most
+        i = first + step
+        while 0 <= i < len(PLACES) and (start := start_at(PLACES[i], 0.0, found[i - step])) is not None:
+            found[i], i = start, i + step
+    middle = sorted(found)[len(found) // 2]
+    return [round(PLACES[middle], 3), 0.0], found[middle]
 
 
 def _finger_places(goals: Array, x: float, y: float) -> Array:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from skillcli.robots.robot import Robot
 from skillcli.tasks.goals import check_in_reach
 from skillcli.tasks.reach.settings import ReachTask
-from skillcli.tasks.spec import TaskEnvironment, TaskSpec
+from skillcli.tasks.spec import Route, TaskEnvironment, TaskSpec
 
 
 def _environment() -> TaskEnvironment:
@@ -27,6 +29,16 @@ def _place(given: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
     return place_reach(given, robot)
 
 
+def _fit_route(task: ReachTask, route: Route) -> Route:
+    """Move and scale a route as the box around the task's goals is moved and scaled against that of the usual goals."""
+    usual, goals = np.array(ReachTask.model_fields["goals"].default), np.array(task.goals)
+    if np.array_equal(usual, goals):
+        return route
+    low, size = usual.min(axis=0), np.ptp(usual, axis=0)
+    places = goals.min(axis=0) + (np.array(route) - low) / size * np.ptp(goals, axis=0)
+    return tuple(tuple(round(float(x), 4) for x in place) for place in places)
+
+
 TASK = TaskSpec(
     name="reach",
     description="the arm's gripper goes to points in space, joint increments at 20 Hz",
@@ -41,5 +53,6 @@ TASK = TaskSpec(
         # Julian et al. 2018, the searched triangle
         "triangle": (((0.6, 0.3, 0.15), (0.6, -0.3, 0.15), (0.6, 0.0, 0.3), (0.6, 0.3, 0.15)),),
     },
+    fit_route=_fit_route,
     chains={"u-shape": "3,4,8,7"},  # Julian et al. 2018: draws a U
 )
