@@ -1,1 +1,1 @@
-"""Learning skills and their embedding: networks, rollouts, advantages and TE-PPO. Knows neither simulator nor store."""
+"""Learn skills and their embedding: networks, rollouts, advantages and TE-PPO. Imports neither simulator nor store."""

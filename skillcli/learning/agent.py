@@ -1,4 +1,4 @@
-"""All networks of one skill library together: built from a recipe, stored as plain arrays, used frozen afterwards."""
+"""All networks of one skill library: built from a recipe, stored as plain arrays, frozen after training."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from skillcli.trajectories import Array
 
 
 class Agent(nn.Module):
-    """pi(a|s,z), p(z|t), q(z|window), V(s,z,t) and the normaliser they share.
+    """pi(a|s,z), p(z|t), q(z|window), V(s,z,t) and their common normaliser.
 
     Args:
         recipe: gives the sizes.
         observation: observation size o.
         action: action size a.
-        goals: (K, 3) m, one per skill; they only arrange the embedding's first means.
+        goals: (K, 3) m, one per skill; they only arrange the embedding's initial means.
         seed: of the initial weights.
-        privileged: size p of what only the value function sees.
+        privileged: size p of the value function's own observations.
     """
 
     def __init__(
         self, recipe: LearningRecipe, observation: int, action: int, goals: Array, seed: int = 0, privileged: int = 0
     ) -> None:
         super().__init__()
-        torch.set_num_threads(1)  # results must not depend on how many cores there are
+        torch.set_num_threads(1)  # results must not depend on the number of cores
         embedding, network = recipe.embedding, recipe.network
         skills = len(goals)
         self.window, self.skills = embedding.window, skills
@@ -56,53 +56,52 @@ class Agent(nn.Module):
 
     @torch.no_grad()
     def act(self, observation: Array, latent: Array) -> Array:
-        """Deterministic actions in units of the action limit: (N, o), (N, d) to (N, a)."""
+        """Compute deterministic actions in units of the action limit: (N, o), (N, d) to (N, a)."""
         normalized = self.normalizer(torch.as_tensor(observation, dtype=torch.float32))
         mean: Array = self.policy(normalized, torch.as_tensor(latent, dtype=torch.float32)).numpy()
         return mean
 
     def normalized_privileged(self, privileged: Tensor) -> Tensor:
-        """(..., p) to zero mean and unit variance; p may be 0."""
+        """Normalize privileged observations (..., p) to zero mean and unit variance; p may be 0."""
         if privileged.shape[-1] == 0:
             return privileged
         normalized: Tensor = self.privileged_normalizer(privileged)
         return normalized
 
     def update_normalizers(self, observation: Tensor, privileged: Tensor) -> None:
-        """Take in a batch, (n, o) and (n, p)."""
+        """Update the statistics with a batch, (n, o) and (n, p)."""
         self.normalizer.update(observation)
         if privileged.shape[-1]:
             self.privileged_normalizer.update(privileged)
 
     @torch.no_grad()
     def embed(self) -> tuple[Array, Array]:
-        """Mean and standard deviation of p(z|t) per skill, (K, d) each."""
+        """Return mean and standard deviation of p(z|t) per skill, (K, d) each."""
         return self.embedding.mean.numpy().astype(np.float64), self.embedding.std.numpy().astype(np.float64)
 
     @torch.no_grad()
     def infer(self, windows: Array) -> Array:
-        """Mean of q(z|window) for windows (N, H, o) of raw observations, (N, d)."""
+        """Compute the mean of q(z|window) for windows (N, H, o) of raw observations, (N, d)."""
         normalized = self.normalizer(torch.as_tensor(windows, dtype=torch.float32))
         mean: Array = self.inference(normalized.flatten(1))[0].numpy()
         return mean
 
     def arrays(self) -> dict[str, Array]:
-        """Every weight by its dotted name."""
+        """Return every weight by its dotted name."""
         return {name: tensor.detach().numpy().copy() for name, tensor in self.state_dict().items()}
 
     def load(self, arrays: Mapping[str, Array]) -> None:
-        """Take weights as `arrays` gave them."""
+        """Load the weights that `arrays` returned."""
         self.load_state_dict({name: torch.from_numpy(np.array(array)) for name, array in arrays.items()})
 
 
 class Actor:
-    """pi's mean for latents that stay the same over an episode: their part of the first layer is computed once.
+    """pi's mean for latents that are constant over an episode: their part of the first layer is computed once.
 
-    Collecting data calls this once per control step, between two steps of the physics; it gives the same numbers as
-    `Agent.act` up to rounding.
+    Sampling calls this once per control step; its numbers equal those of `Agent.act` up to rounding.
 
     Args:
-        agent: its weights are read now; later updates do not change this actor.
+        agent: its weights are copied; later updates do not change this actor.
         latent: (N, d).
     """
 
@@ -121,7 +120,7 @@ class Actor:
 
     @torch.no_grad()
     def __call__(self, observation: Array) -> Array:
-        """Deterministic actions: raw observations (N, o) float32 to (N, a)."""
+        """Compute deterministic actions: raw observations (N, o) float32 to (N, a)."""
         normalized = ((torch.from_numpy(observation) - self._mean) * self._scale).clamp_(-CLIP, CLIP)
         x = torch.addmm(self._offset, normalized, self._weight)
         for bias, weight in self._rest:
@@ -131,7 +130,7 @@ class Actor:
 
 
 def windows(observation: Tensor, length: int) -> Tensor:
-    """The last `length` observations at every step, the first one repeated where there are fewer.
+    """Return the last `length` observations at every step; the first one is repeated if there are fewer.
 
     Args:
         observation: (T, N, o).

@@ -1,4 +1,4 @@
-"""What learned composers share: latents in units of their bounds, and networks from features."""
+"""Parts shared by learned composers: latents in units of their bounds, and networks from features."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from skillcli.trajectories import Array
 
 
 class LatentBounds:
-    """Latents between bounds (2, d), lowest and highest, as units within [-1, 1]^d, and back."""
+    """Converts latents between bounds (2, d), lowest and highest, to units in [-1, 1]^d, and back."""
 
     def __init__(self, bounds: Array) -> None:
         self._centre, self._half = bounds.mean(axis=0), (bounds[1] - bounds[0]) / 2
 
     def latent(self, unit: Array) -> Array:
-        """(N, d) units to latents."""
+        """Convert units (N, d) to latents."""
         latent: Array = self._centre + self._half * np.clip(unit, -1.0, 1.0)
         return latent
 
     def unit(self, latent: Array) -> Array:
-        """(N, d) latents to units."""
+        """Convert latents (N, d) to units."""
         unit: Array = (latent - self._centre) / self._half
         return unit
 
 
 class Trace:
-    """A round of N episodes side by side: what was seen, chosen and led to, choice after choice."""
+    """A round of N episodes: features, choices and rewards, choice after choice."""
 
     def __init__(self) -> None:
         self.seen: list[Array] = []  # features (N, f), one more than choices
@@ -41,20 +41,20 @@ class Trace:
         self.terminated: list[Array] = []  # (N,)
 
     def chose(self, features: Array, unit: Array) -> None:
-        """A choice was made; the features before the first one are news, later ones were led to."""
+        """Record a choice; its features are new only for the first one."""
         if not self.seen:
             self.seen.append(features)
         self.units.append(unit)
 
     def observe(self, reward: Array, features: Array, terminated: Array) -> None:
-        """What the last choice led to."""
+        """Record the outcome of the last choice."""
         self.seen.append(features)
         self.rewards.append(reward)
         self.terminated.append(terminated)
 
 
 class Head(nn.Module):
-    """A multilayer perceptron; with a tanh behind it where its output must stay within [-1, 1]."""
+    """A multilayer perceptron, with a final tanh if its output must be within [-1, 1]."""
 
     def __init__(
         self, inputs: int, hidden: Sequence[int], outputs: int, bounded: bool, gain: float, make: torch.Generator
@@ -64,13 +64,13 @@ class Head(nn.Module):
         self.bounded = bounded
 
     def forward(self, *parts: Tensor) -> Tensor:
-        """Parts (..., n_i), joined, to (..., outputs)."""
+        """Join parts (..., n_i) and compute (..., outputs)."""
         out: Tensor = self.body(torch.cat(parts, -1))
         return out.tanh() if self.bounded else out
 
 
 def arrays_of(**modules: nn.Module) -> dict[str, Array]:
-    """Every weight of some modules by name: "actor.body.0.weight"."""
+    """Return every weight of some modules by name: "actor.body.0.weight"."""
     return {
         f"{module}.{name}": tensor.detach().numpy().copy()
         for module, found in modules.items()
@@ -79,22 +79,22 @@ def arrays_of(**modules: nn.Module) -> dict[str, Array]:
 
 
 def tensor(array: Array) -> Tensor:
-    """As float32."""
+    """Convert to float32."""
     return torch.as_tensor(array, dtype=torch.float32)
 
 
 def check_finite(method: str, logged: Mapping[str, float], *modules: nn.Module) -> None:
-    """Refuse to go on with numbers that are none.
+    """Refuse to continue with numbers that are not finite.
 
     Raises:
-        SkillError: something logged, or a weight, is not finite.
+        SkillError: a logged number or a weight is not finite.
     """
-    broken = [name for name, number in logged.items() if not math.isfinite(number)]
+    not_finite = [name for name, number in logged.items() if not math.isfinite(number)]
     if not all(bool(torch.isfinite(weight).all()) for module in modules for weight in module.parameters()):
-        broken.append("weights")
-    if broken:
+        not_finite.append("weights")
+    if not_finite:
         raise SkillError(
-            f"the {method} composer came apart: {', '.join(broken)} not finite",
+            f"training of the {method} composer diverged: {', '.join(not_finite)} not finite",
             f"lower {method}.learning_rate or {method}.reward_scale",
         )
 

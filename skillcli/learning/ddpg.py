@@ -1,4 +1,4 @@
-"""DDPG as a way to compose. The composer itself is imported when it is to learn: torch takes time."""
+"""DDPG as a method of composition. The composer is imported only when it learns, because torch is slow to import."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class DdpgSettings(EpisodeSettings):
 
 
 def plan(problem: PlanningProblem) -> PlanResult:
-    """What a composer does that learns off-policy."""
+    """Plan with a composer that learns off-policy."""
     from skillcli.learning.ddpg_composer import DdpgComposer
 
     settings, choices = problem.settings_as(DdpgSettings), None

@@ -1,7 +1,7 @@
 """Deep deterministic policy gradient over latents (Lillicrap et al. 2016, arXiv:1509.02971).
 
-The actor mu(s) proposes a latent. Where only some latents may be chosen, the nearest one is taken, or of several near ones
-that of the highest Q (Dulac-Arnold et al. 2015, arXiv:1512.07679); all else, the exploration noise too, stays the same.
+The actor mu(s) proposes a latent. With a discrete set, the nearest latent is taken, or of several near ones the one with the
+highest Q (Dulac-Arnold et al. 2015, arXiv:1512.07679); everything else, including the exploration noise, is unchanged.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from skillcli.learning.ring_buffer import RingBuffer
 from skillcli.seeding import generator, torch_generator
 from skillcli.trajectories import Array
 
-FINAL = 0.1  # of exploration and step size at the start, in the last round: the last steps settle instead of wandering
+FINAL = 0.1  # share of the initial exploration and step size in the last round: the last steps settle
 
 
 class DdpgComposer:
     """See `composition.episodes.Composer`.
 
     Args:
-        features: size f of what is seen.
+        features: size f.
         bounds: (2, d) lowest and highest latent.
-        choices: (C, d) the latents that may be chosen, None for any within the bounds.
-        settings: the recipe's.
-        seed: of weights and chance.
+        choices: (C, d) the allowed latents, None for any within the bounds.
+        settings: from the recipe.
+        seed: of weights and random numbers.
     """
 
     def __init__(self, features: int, bounds: Array, choices: Array | None, settings: DdpgSettings, seed: int) -> None:
-        torch.set_num_threads(1)  # results must not depend on how many cores there are
+        torch.set_num_threads(1)  # results must not depend on the number of cores
         self._settings, self._rng, size = settings, generator(seed, "ddpg"), bounds.shape[1]
         self._bounds = LatentBounds(bounds)
         self._choices = None if choices is None else tensor(self._bounds.unit(choices))
@@ -50,7 +50,7 @@ class DdpgComposer:
 
     @torch.no_grad()
     def act(self, features: Array) -> Array:
-        """See `Composer`; in the first rounds every episode holds a latent of its own, drawn from between the bounds."""
+        """See `Composer`; in the first rounds every episode holds one latent, drawn uniformly within the bounds."""
         seen = self.normalizer(tensor(features))
         unit = self.actor(seen)
         if self._round < self._settings.warm_up:
@@ -73,7 +73,7 @@ class DdpgComposer:
         for t, kept in enumerate(valid):
             columns = trace.seen[t], trace.units[t], trace.rewards[t], trace.seen[t + 1], trace.terminated[t]
             self.replay.add(*(column[kept] for column in columns))
-        if self._round < self._settings.warm_up:  # what there is to see is known then; later the scale stays
+        if self._round < self._settings.warm_up:  # the scale of the features is known then, and fixed from there on
             self.normalizer.update(tensor(np.concatenate(trace.seen)))
         self._trace = Trace()
         self._round += 1
@@ -90,7 +90,7 @@ class DdpgComposer:
         return arrays_of(normalizer=self.normalizer, actor=self.actor, critic=self.critic)
 
     def project(self, unit: Tensor, seen: Tensor, critic: Head) -> Tensor:
-        """Proposed units (N, d) to units that may be chosen; any may, where there are no choices."""
+        """Map proposed units (N, d) to allowed ones; without choices all are allowed."""
         if self._choices is None:
             return unit
         count = min(self._settings.candidates, len(self._choices))
@@ -105,11 +105,11 @@ class DdpgComposer:
         return self._settings.noise * self._left()
 
     def _left(self) -> float:
-        """From 1 in the first round, linearly, to `FINAL` in the last."""
+        """Decrease linearly from 1 in the first round to `FINAL` in the last."""
         return 1.0 - (1.0 - FINAL) * min(1.0, self._round / self._settings.iterations)
 
     def _step(self, acting: bool) -> dict[str, float]:
-        """One gradient step of the critic, and where it is acting of the actor; the targets follow."""
+        """Take one gradient step of the critic and, if `acting`, of the actor; then update the target networks."""
         features, unit, reward, after, end = map(torch.from_numpy, self.replay.sample(self._settings.minibatch, self._rng))
         seen, seen_after = self.normalizer(features), self.normalizer(after)
         with torch.no_grad():
@@ -118,16 +118,16 @@ class DdpgComposer:
             target = reward + self._settings.discount * (1.0 - end) * bootstrap
         critic_loss = (self.critic(seen, unit).squeeze(-1) - target).square().mean()
         descend(self._optimizers[1], critic_loss)
-        if acting:  # not before the critic knows a little
+        if acting:  # not before the critic has learned a little
             unit = self.actor(seen)
             descend(self._optimizers[0], -(self._inverted_gradient(seen, unit.detach()) * unit).sum(-1).mean())
         self._polyak_update()
         return {"critic_loss": float(critic_loss.detach()), "q": float(target.mean())}
 
     def _inverted_gradient(self, seen: Tensor, unit: Tensor) -> Tensor:
-        """dQ/da at actions (n, d), the less the nearer the bound it points to, and inverted behind it.
+        """Return dQ/da at actions (n, d), scaled down towards the bound it points to, and inverted beyond it.
 
-        A tanh in its place is stuck in the first corner that a young critic sends it to (Hausknecht and Stone 2016,
+        A tanh instead would get stuck in the first corner that an untrained critic prefers (Hausknecht and Stone 2016,
         arXiv:1511.04143, section 4).
         """
         unit.requires_grad_()
@@ -137,7 +137,7 @@ class DdpgComposer:
 
     @torch.no_grad()
     def _polyak_update(self) -> None:
-        """Let the target networks follow, by tau (Lillicrap et al. 2016, algorithm 1)."""
+        """Update the target networks by tau (Lillicrap et al. 2016, algorithm 1)."""
         for target, net in ((self._target_actor, self.actor), (self._target_critic, self.critic)):
             for slow, fast in zip(target.parameters(), net.parameters(), strict=True):
                 slow.lerp_(fast, self._settings.target_rate)

@@ -13,13 +13,13 @@ from skillcli.trajectories import Array
 
 
 def minibatches(order: Array, size: int) -> Iterator[Tensor]:
-    """A permutation (n,) cut into pieces of about this size, one at least."""
+    """Split a permutation (n,) into pieces of about this size, at least one."""
     for piece in np.array_split(order, max(1, round(len(order) / size))):
         yield torch.from_numpy(piece)
 
 
 def descend(optimizer: torch.optim.Optimizer, loss: Tensor, max_norm: float = math.inf) -> None:
-    """One gradient step, the gradient's norm clipped."""
+    """Take one gradient step, with the gradient's norm clipped."""
     optimizer.zero_grad(set_to_none=True)
     loss.backward()  # type: ignore[no-untyped-call]
     if math.isfinite(max_norm):

@@ -10,17 +10,17 @@ from skillcli.trajectories import Array
 def advantages(
     reward: Array, value: Array, last_value: Array, terminated: Array, valid: Array, discount: float, gae_lambda: float
 ) -> Array:
-    """Advantages of a batch of episodes that run side by side.
+    """Compute the advantages of a batch of episodes.
 
-    The value of the state behind the last step is bootstrapped where time ran out (truncation), and is zero where the
-    episode failed (termination): the two are never mixed.
+    The value of the state after the last step is bootstrapped if time ran out (truncation), and is zero if the episode failed
+    (termination): the two must not be confused.
 
     Args:
         reward: (T, N) rewards.
         value: (T, N) values of the states before each step.
-        last_value: (N,) values of the states behind the last step.
+        last_value: (N,) values of the states after the last step.
         terminated: (T, N) bool, whether the step ended in failure.
-        valid: (T, N) bool, False for steps behind the end of an episode.
+        valid: (T, N) bool, False for steps after the end of an episode.
         discount: gamma.
         gae_lambda: lambda.
 

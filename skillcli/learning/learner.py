@@ -1,4 +1,4 @@
-"""Training in progress: rollout, update, curves; and everything that must be kept to go on exactly."""
+"""The training loop: rollout, update, curves; and the complete state to resume from."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ POOL_CAPACITY = 4096  # states; about sixteen rollouts of the default size
 class Learner:
     """TE-PPO on one environment.
 
-    Every rollout begins with a reset of all simulations, so between two iterations nothing in the simulator matters:
-    weights, optimisers, generator, start pool and counters are the whole state.
+    Every rollout begins with a reset of all simulations, so the simulator has no state between two iterations: weights,
+    optimisers, generator, start pool and counters are the whole state.
 
     Args:
         env: simulations of the task.
         recipe: what to train.
-        seed: of weights and chance.
+        seed: of weights and random numbers.
     """
 
     def __init__(self, env: VectorEnvironment, recipe: LearningRecipe, seed: int) -> None:
@@ -53,20 +53,20 @@ class Learner:
         return self.iteration >= self.recipe.training.iterations
 
     def iterate(self) -> dict[str, float]:
-        """One rollout and one update; returns this iteration's point on every curve.
+        """Run one rollout and one update; return this iteration's point on every curve.
 
         Raises:
-            SkillError: training came apart.
+            SkillError: training diverged.
         """
         training = self.recipe.training
         progress = self.iteration / training.iterations
-        # Before the rollout and not in the update: there it would count as the policy's own change and use up the target KL.
+        # Before the rollout and not in the update, where it would count as a change of the policy and use up the target KL.
         self.agent.policy.bound(te_ppo.annealed_std(training.final_action_std, training.settle_from, progress))
         self._randomise()
         mixer = replace(self.mixer, share=self.recipe.mixtures.share_at(progress))
         rollout = collect(self.env, self.agent, self.pool, training.chained_starts, self.rng, mixer)
         seen = (torch.from_numpy(rollout.observation).flatten(0, 1), torch.from_numpy(rollout.privileged).flatten(0, 1))
-        if self.iteration == 0:  # before the first update there is nothing to normalise by
+        if self.iteration == 0:  # the first update needs statistics to normalise with
             self.agent.update_normalizers(*seen)
         batch, prepared = te_ppo.prepare(rollout, self.agent, training)
         updated = te_ppo.update(batch, self.agent, self.optimizers, training, progress, self.rng)
@@ -82,7 +82,7 @@ class Learner:
         return point
 
     def _randomise(self) -> None:
-        """Draw another robot and start for every simulation; what is phased in spares a share of them that shrinks."""
+        """Draw new parameters and starts for every simulation; what is phased in applies to a growing share of them."""
         chosen = self.recipe.randomisation
         if not chosen.ranges:
             return
@@ -114,16 +114,16 @@ class Learner:
         return outcome
 
     def _check(self, point: dict[str, float]) -> None:
-        broken = [name for name, number in point.items() if not math.isfinite(number) and name not in OF_MIXTURES]
+        not_finite = [name for name, number in point.items() if not math.isfinite(number) and name not in OF_MIXTURES]
         weights_fine = all(bool(torch.isfinite(weight).all()) for weight in self.agent.parameters())
-        if broken or not weights_fine:
+        if not_finite or not weights_fine:
             raise SkillError(
-                f"training came apart in iteration {self.iteration}: {', '.join(broken) or 'weights'} not finite",
+                f"training diverged in iteration {self.iteration}: {', '.join(not_finite) or 'weights'} not finite",
                 "lower training.learning_rate or training.target_kl, or raise training.minibatch",
             )
 
     def state(self) -> tuple[dict[str, Array], dict[str, Any]]:
-        """Everything needed to go on: arrays by path, and the rest as JSON-able values."""
+        """Return everything needed to resume: arrays by path, and the rest as JSON values."""
         arrays = {f"agent/{name}": array for name, array in self.agent.arrays().items()}
         for group, optimizer in vars(self.optimizers).items():
             for index, slots in optimizer.state_dict()["state"].items():
@@ -141,10 +141,10 @@ class Learner:
         }
 
     def load(self, arrays: Mapping[str, Array], state: Mapping[str, Any]) -> None:
-        """Go on from what `state` gave.
+        """Resume from what `state` returned.
 
         Raises:
-            ValueError: no training on this environment, recipe and seed can have given it; nothing has changed.
+            ValueError: it belongs to no training on this environment, recipe and seed; nothing has changed.
         """
         check_saved(self, arrays, state)
         self.agent.load(_below(arrays, "agent/"))
@@ -169,7 +169,7 @@ class Learner:
 
 
 def _mean(values: Array) -> float:
-    """The mean, zero where there is nothing."""
+    """Return the mean, zero without values."""
     return float(values.mean()) if len(values) else 0.0
 
 

@@ -1,15 +1,15 @@
-"""Mixtures of skills in training, which make the latent space a map: the mixture of latents leads to the mixture of goals.
+"""Train on mixtures of skills, so that the latent space becomes a map: mixed latents lead to mixed goals.
 
 In a share of the episodes weights w of the skills are drawn, w_t >= 0 and Σ w_t = 1, and with one epsilon per episode
 
     z = Σ w_t mean_t + (Σ w_t std_t) * epsilon        goal = Σ w_t goal_t
 
-Reward, start and all else of the episode are as ever; a skill alone is the mixture with a single weight of one. The policy
-ratio is evaluated at the z that the present embedding gives to the same w and epsilon, so that means and standard deviations
-learn from mixtures as well, each by its weight. The value function sees w in place of the skill's one-hot.
+Reward, start and everything else of the episode are unchanged; a single skill is the mixture with one weight of one. The
+policy ratio is evaluated at the z that the present embedding gives to the same w and epsilon, so that means and standard
+deviations learn from mixtures too, each by its weight. The value function observes w in place of the skill's one-hot.
 
-It is the idea of mixup (Zhang, Cisse, Dauphin and Lopez-Paz 2018, arXiv:1710.09412), to train on convex combinations of
-examples and to ask for the same combination of their labels, applied to latents and goals.
+The idea is that of mixup (Zhang, Cisse, Dauphin and Lopez-Paz 2018, arXiv:1710.09412), which trains on convex combinations
+of examples and their labels, here of latents and goals.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from skillcli.metrics import neighbours
 from skillcli.trajectories import Array
 
 MIXED = -1
-"""The skill of an episode that has none of its own."""
+"""The skill of an episode with a mixture."""
 
 
 @dataclass(frozen=True)
 class Mixer:
-    """Gives some episodes of a rollout weights of several skills."""
+    """Gives some episodes of a rollout a mixture of skills."""
 
     share: float  # of the episodes, in the mean
     draw: Callable[[int, np.random.Generator], Array]  # weights (n, K) of n mixtures
 
     def mix(self, skill: Array, skills: int, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Skills (N,) out of K, to skills (N,), those of mixtures `MIXED`, and weights (N, K), one-hot but for mixtures.
+        """Replace some of the skills (N,) out of K by `MIXED`; return skills (N,) and weights (N, K), one-hot without mixture.
 
-        Without a share nothing is drawn: training is then what it is without mixtures, bit for bit.
+        Without a share nothing is drawn: training is then bit for bit the same as without mixtures.
         """
         weights = np.eye(skills)[skill]
         if self.share == 0:
@@ -50,7 +50,7 @@ class Mixer:
 
     @staticmethod
     def of(mixtures: Mixtures, goals: Array) -> Mixer:
-        """What a recipe says of mixtures of these goals (K, 3) m.
+        """Make the mixer of a recipe for these goals (K, 3) m.
 
         Raises:
             UsageError: such weights cannot be drawn for these goals.
@@ -59,11 +59,11 @@ class Mixer:
 
 
 UNMIXED = Mixer(0.0, lambda count, _: np.zeros((count, 0)))
-"""Every episode has a skill of its own."""
+"""Every episode has a single skill."""
 
 
 def _multilinear(_: Mixtures, goals: Array) -> Callable[[int, np.random.Generator], Array]:
-    """Those of a place drawn uniformly from the cuboid whose corners the goals are."""
+    """Draw the weights of a place in the cuboid whose corners are the goals, uniformly."""
     hull = Hull(goals)
     if hull.cuboid is None:
         raise UsageError(
@@ -74,7 +74,7 @@ def _multilinear(_: Mixtures, goals: Array) -> Callable[[int, np.random.Generato
 
 
 def _neighbours(_: Mixtures, goals: Array) -> Callable[[int, np.random.Generator], Array]:
-    """Those of a place on the way between two neighbouring goals, any pair alike, any place alike."""
+    """Draw the weights of a place between two neighbouring goals; pair and place are uniform."""
     pairs = np.array(neighbours(goals), dtype=int).reshape(-1, 2)
     if not len(pairs):
         raise UsageError('mixtures.weights = "neighbours" needs two goals at least', "leave mixtures out")
@@ -89,7 +89,7 @@ def _neighbours(_: Mixtures, goals: Array) -> Callable[[int, np.random.Generator
 
 
 def _dirichlet(mixtures: Mixtures, goals: Array) -> Callable[[int, np.random.Generator], Array]:
-    """Drawn from a symmetric Dirichlet distribution."""
+    """Draw from a symmetric Dirichlet distribution."""
     concentration = np.full(len(goals), mixtures.concentration)
     return lambda count, rng: rng.dirichlet(concentration, count)
 

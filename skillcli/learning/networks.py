@@ -16,7 +16,7 @@ from skillcli.learning.gaussian import bounded_std, inverse_bounded_std
 
 
 def mlp(sizes: Sequence[int], last_gain: float, generator: torch.Generator) -> nn.Sequential:
-    """A tanh multilayer perceptron, sizes from input to output, orthogonal weights, zero biases."""
+    """Make a tanh multilayer perceptron, sizes from input to output, orthogonal weights, zero biases."""
     layers: list[nn.Module] = []
     for i, (fan_in, fan_out) in enumerate(itertools.pairwise(sizes)):
         last = i == len(sizes) - 2
@@ -35,9 +35,9 @@ class Policy(nn.Module):
         latent: size d.
         action: size a.
         hidden: layers.
-        std: of the action at the start.
-        generator: of the first weights.
-        linear: the mean is affine in z, f(s) + G(s) z. A latent between two skills then gives the action between theirs, in
+        std: initial standard deviation of the action.
+        generator: of the initial weights.
+        linear: the mean is affine in z, f(s) + G(s) z. Then a latent between two skills gives an action between theirs in
             every state: the latent space inherits the metric of the actions. Otherwise z is one more input.
     """
 
@@ -60,7 +60,7 @@ class Policy(nn.Module):
         self.log_std = nn.Parameter(torch.full((action,), math.log(std)))
 
     def forward(self, observation: Tensor, latent: Tensor) -> Tensor:
-        """Mean action: normalised observations (..., o) and latents (..., d) to (..., a)."""
+        """Compute the mean action: normalised observations (..., o) and latents (..., d) to (..., a)."""
         if self.linear:
             return affine(self.body(observation), latent)
         mean: Tensor = self.body(torch.cat([observation, latent], -1))
@@ -68,17 +68,17 @@ class Policy(nn.Module):
 
     @property
     def std(self) -> Tensor:
-        """(a,) standard deviation of the action."""
+        """Return the standard deviation of the action, (a,)."""
         return self.log_std.exp()
 
     @torch.no_grad()
     def bound(self, max_std: float = 1.0) -> None:
-        """Keep the standard deviation within bounds; between steps, so that it can always come back."""
+        """Clip the standard deviation to its bounds; between gradient steps, so that it can always return."""
         self.log_std.clamp_(math.log(self.MIN_STD), math.log(max_std))
 
 
 def affine(parts: Tensor, latent: Tensor) -> Tensor:
-    """f + G z from the two side by side: (..., (1 + d) * a) and (..., d) to (..., a)."""
+    """Compute f + G z from both in one array: (..., (1 + d) * a) and (..., d) to (..., a)."""
     offset, *slopes = parts.chunk(1 + latent.shape[-1], -1)
     for slope, component in zip(slopes, latent.unbind(-1), strict=True):
         offset = torch.addcmul(offset, slope, component[..., None])
@@ -86,7 +86,7 @@ def affine(parts: Tensor, latent: Tensor) -> Tensor:
 
 
 class Embedding(nn.Module):
-    """p(z|t): per skill a mean in (-1, 1) and a standard deviation within bounds; fixed means are not learned."""
+    """p(z|t): per skill a mean in (-1, 1) and a bounded standard deviation; fixed means are not learned."""
 
     def __init__(self, mean: Tensor, std: float, bounds: tuple[float, float], fixed: bool = False) -> None:
         super().__init__()
@@ -96,17 +96,17 @@ class Embedding(nn.Module):
 
     @property
     def mean(self) -> Tensor:
-        """(K, d)."""
+        """Return the means, (K, d)."""
         return torch.tanh(self.raw_mean)
 
     @property
     def std(self) -> Tensor:
-        """(K, d)."""
+        """Return the standard deviations, (K, d)."""
         return bounded_std(self.raw_std, *self.bounds)
 
 
 def spread(points: int, dimensions: int, generator: torch.Generator) -> Tensor:
-    """Points spread over the cube [-0.8, 0.8]^d, (points, d): a random start, pushed apart.
+    """Spread points over the cube [-0.8, 0.8]^d, (points, d): random initial points that repel each other.
 
     Skills that begin close together in the latent space are slow to separate.
     """
@@ -119,11 +119,11 @@ def spread(points: int, dimensions: int, generator: torch.Generator) -> Tensor:
 
 
 def arranged(goals: Tensor, dimensions: int, generator: torch.Generator, isometric: bool = False) -> Tensor:
-    """Points arranged as the goals are, in the cube [-0.8, 0.8]^d: (K, 3) m to (K, d).
+    """Arrange points like the goals in the cube [-0.8, 0.8]^d: (K, 3) m to (K, d).
 
-    Principal axes of the goals, each divided by the root of its singular value: long axes shrink towards short ones, so
-    that skills whose goals are close still get latents apart, and distances keep their order. Isometric: all axes by one
-    scale, so that distances keep their proportions. A random spread where the goals do not tell all skills apart.
+    Each principal axis of the goals is divided by the root of its singular value: long axes shrink towards short ones, so
+    that skills with near goals still get separate latents, and distances keep their order. Isometric: all axes have one
+    scale, so that distances keep their proportions. If goals coincide, the points are spread at random.
     """
     centred = goals - goals.mean(0)
     left, singular, _ = torch.linalg.svd(centred, full_matrices=False)
@@ -146,7 +146,7 @@ class Inference(nn.Module):
         self.body = mlp([window_size, *hidden, 2 * latent], 0.1, generator)
 
     def forward(self, window: Tensor) -> tuple[Tensor, Tensor]:
-        """Flattened windows (..., H*o) to mean and standard deviation, (..., d) each."""
+        """Compute mean and standard deviation, (..., d) each, from flattened windows (..., H*o)."""
         mean, raw_std = self.body(window).chunk(2, -1)
         return mean, bounded_std(raw_std, self.MIN_STD, self.MAX_STD)
 
@@ -155,7 +155,7 @@ CLIP = 5.0  # normalised observations stay within this many standard deviations
 
 
 class Normalizer(nn.Module):
-    """Running mean and variance of observations, updated between rollouts, never within one."""
+    """Running mean and variance of observations, updated only between rollouts."""
 
     mean: Tensor
     variance: Tensor
@@ -168,16 +168,16 @@ class Normalizer(nn.Module):
         self.register_buffer("count", torch.zeros(()))
 
     def forward(self, observation: Tensor) -> Tensor:
-        """(..., o) to zero mean and unit variance, clipped."""
+        """Normalize (..., o) to zero mean and unit variance, clipped."""
         return ((observation - self.mean) * self.scale()).clamp(-CLIP, CLIP)
 
     def scale(self) -> Tensor:
-        """(o,) one over the standard deviation."""
+        """Return one over the standard deviation, (o,)."""
         return (self.variance + 1e-6).rsqrt()
 
     @torch.no_grad()
     def update(self, observation: Tensor) -> None:
-        """Take in a batch (n, o), by the parallel variance formula of Chan et al. (1979)."""
+        """Update with a batch (n, o), by the parallel variance formula of Chan et al. (1979)."""
         n = float(observation.shape[0])
         mean, variance = observation.mean(0), observation.var(0, unbiased=False)
         total = self.count + n
@@ -188,7 +188,7 @@ class Normalizer(nn.Module):
 
 
 class Value(nn.Module):
-    """V(s,z,t), in units of the value scale; it may know the skill and what else the policy may not (Pinto et al. 2017)."""
+    """V(s,z,t), in units of the value scale; it may observe the skill and privileged values (Pinto et al. 2017)."""
 
     def __init__(
         self, observation: int, privileged: int, latent: int, skills: int, hidden: Sequence[int], generator: torch.Generator

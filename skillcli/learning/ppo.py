@@ -1,4 +1,4 @@
-"""PPO as a way to compose. The composer itself is imported when it is to learn: torch takes time."""
+"""PPO as a method of composition. The composer is imported only when it learns, because torch is slow to import."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class PpoSettings(EpisodeSettings):
 
 
 def plan(problem: PlanningProblem) -> PlanResult:
-    """What a composer does that learns on-policy."""
+    """Plan with a composer that learns on-policy."""
     from skillcli.learning.ppo_composer import PpoComposer
 
     settings = problem.settings_as(PpoSettings)

@@ -21,17 +21,17 @@ MIN_STD = 0.02  # of the exploration, in units of half the range of latents
 
 
 class PpoComposer:
-    """See `composition.episodes.Composer`. pi(z|s) is a Gaussian in units of the bounds; what leaves it is clipped.
+    """See `composition.episodes.Composer`. pi(z|s) is a Gaussian in units of the bounds; samples beyond them are clipped.
 
     Args:
-        features: size f of what is seen.
+        features: size f.
         bounds: (2, d) lowest and highest latent.
-        settings: the recipe's.
-        seed: of weights and chance.
+        settings: from the recipe.
+        seed: of weights and random numbers.
     """
 
     def __init__(self, features: int, bounds: Array, settings: PpoSettings, seed: int) -> None:
-        torch.set_num_threads(1)  # results must not depend on how many cores there are
+        torch.set_num_threads(1)  # results must not depend on the number of cores
         self._settings, self._rng, size = settings, generator(seed, "ppo"), bounds.shape[1]
         self._bounds = LatentBounds(bounds)
         make = torch_generator(seed, "ppo")
@@ -59,11 +59,11 @@ class PpoComposer:
         self._trace.observe(reward, features, terminated)
 
     def update(self, valid: Array) -> dict[str, float]:
-        """See `Composer`; the first episode is left out, it was not drawn from the policy."""
+        """See `Composer`; the first episode is left out, because it was not sampled from the policy."""
         on_policy = valid.copy()
         on_policy[:, 0] = False
         seen = tensor(np.stack(self._trace.seen))  # (T+1, N, f)
-        if self._round == 0:  # before the first update there is nothing to normalise by
+        if self._round == 0:  # the first update needs statistics to normalise with
             self.normalizer.update(seen.flatten(0, 1))
         logged = self._update(self.normalizer(seen), tensor(np.stack(self._trace.units)), on_policy)
         if self._round > 0:
@@ -79,7 +79,7 @@ class PpoComposer:
         return {**weights, "policy.log_std": self.log_std.detach().numpy().copy()}
 
     def _update(self, seen: Tensor, unit: Tensor, valid: Array) -> dict[str, float]:
-        """Several epochs over one round: normalised features (T+1, N, f), units (T, N, d), valid (T, N)."""
+        """Run several epochs over one round: normalised features (T+1, N, f), units (T, N, d), valid (T, N)."""
         settings, chosen = self._settings, torch.from_numpy(valid)
         with torch.no_grad():
             value = self.value(seen).squeeze(-1).numpy()

@@ -1,4 +1,4 @@
-"""The update of a policy by PPO, of skills and of composers: clipped surrogate, minibatches, step size by the KL divergence."""
+"""The PPO update of a policy, for skills and composers: clipped surrogate, minibatches, step size adapted to the KL."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from skillcli.learning.descent import descend, minibatches
 from skillcli.trajectories import Array
 
 RATES = (1e-5, 1e-2)
-"""The smallest and the largest step size of the policy."""
+"""Smallest and largest step size of the policy."""
 
 
 class PpoParameters(Protocol):
-    """What a recipe says about the update."""
+    """Settings of the update."""
 
     @property
     def minibatch(self) -> int:
@@ -28,24 +28,24 @@ class PpoParameters(Protocol):
 
     @property
     def max_grad_norm(self) -> float:
-        """Gradients are clipped to this norm."""
+        """Largest norm of a gradient."""
 
 
 def surrogate_loss(log_prob: Tensor, old_log_prob: Tensor, advantage: Tensor, clip: float) -> Tensor:
-    """PPO's clipped surrogate, negated (Schulman et al. 2017, arXiv:1707.06347, eq. 7); (n,) each to a scalar."""
+    """Compute PPO's clipped surrogate, negated (Schulman et al. 2017, arXiv:1707.06347, eq. 7); (n,) each to a scalar."""
     ratio = (log_prob - old_log_prob).exp()
     clipped = ratio.clamp(1.0 - clip, 1.0 + clip)
     return -torch.min(ratio * advantage, clipped * advantage).mean()
 
 
 def approximate_kl(log_prob: Tensor, old_log_prob: Tensor) -> Tensor:
-    """KL(old || new) from samples of old: the unbiased, non-negative estimator (r - 1) - log r (Schulman 2020)."""
+    """Estimate KL(old || new) from samples of old, unbiased and non-negative: (r - 1) - log r (Schulman 2020)."""
     log_ratio = log_prob - old_log_prob
     return (log_ratio.exp() - 1.0 - log_ratio).mean()
 
 
 def adapted_learning_rate(rate: float, kl: float, target: float) -> float:
-    """A smaller step where the policy moved too far, a larger one where it hardly moved; within `RATES`."""
+    """Reduce the step size if the policy moved too far, raise it if it hardly moved; within `RATES`."""
     if kl > 2.0 * target:
         rate /= 1.5
     elif kl < 0.5 * target:
@@ -54,7 +54,7 @@ def adapted_learning_rate(rate: float, kl: float, target: float) -> float:
 
 
 def standardised(advantage: Tensor) -> Tensor:
-    """Advantages (n,) with mean 0 and standard deviation 1."""
+    """Standardise advantages (n,) to mean 0 and standard deviation 1."""
     return (advantage - advantage.mean()) / (advantage.std() + 1e-8)
 
 
@@ -69,17 +69,17 @@ def update_policy(
     bound: Callable[[], None],
     regularise: Callable[[Tensor], Tensor] = lambda loss: loss,
 ) -> float:
-    """Several epochs over n samples.
+    """Run several epochs over n samples.
 
     Args:
         optimizer: of the policy; its step size is adapted after each epoch.
         orders: a permutation (n,) for each epoch.
-        log_prob: of what was done, by the policy as it is now, for some samples by their indices, (m,) to (m,).
-        old_log_prob: (n,) by the policy that did it.
+        log_prob: computes the log density of some samples' actions under the present policy, indices (m,) to (m,).
+        old_log_prob: (n,) under the policy that sampled them.
         advantage: (n,) standardised.
         parameters: see `PpoParameters`.
         target_kl: KL divergence per epoch that the step size is adapted to, nat.
-        bound: puts the policy back within its bounds, after each step.
+        bound: clips the policy to its bounds after each step.
         regularise: adds further terms to the loss.
 
     Returns:

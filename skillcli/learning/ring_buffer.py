@@ -1,4 +1,4 @@
-"""The latest of what was seen, up to some number: a ring."""
+"""A ring buffer."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from skillcli.trajectories import Array
 
 
 class RingBuffer:
-    """Rows of several columns; when it is full new ones take the place of the oldest.
+    """Rows of several columns; when it is full, new rows replace the oldest.
 
     Args:
-        capacity: rows at most.
+        capacity: most rows.
         dtype: of every column.
     """
 
@@ -23,7 +23,7 @@ class RingBuffer:
         self._dtype = dtype
 
     def add(self, *columns: Array) -> None:
-        """Take n rows, every column (n, ...)."""
+        """Add n rows, every column (n, ...)."""
         if not self.columns:
             self.columns = tuple(np.zeros((self.capacity, *new.shape[1:]), dtype=self._dtype) for new in columns)
         count = len(columns[0])
@@ -34,6 +34,6 @@ class RingBuffer:
         self.filled = min(self.capacity, self.filled + count)
 
     def sample(self, count: int, rng: np.random.Generator) -> tuple[Array, ...]:
-        """Columns of `count` rows, drawn with replacement; only when something was added."""
+        """Sample `count` rows of all columns with replacement; the buffer must not be empty."""
         chosen = rng.integers(self.filled, size=count)
         return tuple(column[chosen] for column in self.columns)

@@ -1,4 +1,4 @@
-"""Collecting episodes with the stochastic policy, one latent per episode, from chained or single starts."""
+"""Sample episodes with the stochastic policy, one latent per episode, from chained or single starts."""
 
 from __future__ import annotations
 
@@ -30,63 +30,63 @@ class VectorEnvironment(Protocol):
 
     @property
     def reward_names(self) -> tuple[str, ...]:
-        """Of the terms of the reward."""
+        """Names of the terms of the reward."""
 
     def achieved_goal(self) -> Array:
-        """Where the judged points are, (N, 3) m."""
+        """Return the achieved goals, (N, 3) m."""
 
     def reset(self, ids: Array, skill: Array) -> None:
-        """Start these simulations at the start, on these skills."""
+        """Put these simulations at the start, with the goals of these skills."""
 
     def reset_to_state(self, ids: Array, sim_states: Array, skill: Array) -> None:
-        """Start these simulations from saved states, on these skills."""
+        """Put these simulations into saved states, with the goals of these skills."""
 
     def mix_goals(self, ids: Array, weights: Array) -> None:
-        """Ask of these simulations (n,) the mixture of the goals with these weights (n, K)."""
+        """Give these simulations (n,) mixtures of the goals with these weights (n, K)."""
 
     def observe(self) -> Array:
-        """Observations (N, o)."""
+        """Return observations (N, o)."""
 
     def privileged(self) -> Array:
-        """What only the value function sees, (N, p)."""
+        """Return observations for the value function only, (N, p)."""
 
     def step(self, action: Array) -> Any:
-        """One control step: observation, reward, terminated, truncated, reward_terms."""
+        """Apply one control step; returns observation, reward, terminated, truncated, reward_terms."""
 
     def randomize(self, parameters: Mapping[str, Array], rng: np.random.Generator) -> None:
-        """Turn every simulation into a robot of its own."""
+        """Give every simulation parameters of its own."""
 
     def save(self, ids: Array) -> Array:
-        """Whole states of these simulations."""
+        """Return whole states of these simulations."""
 
 
 @dataclass(frozen=True)
 class Rollout:
-    """One episode per simulation, T steps each; steps behind a termination are not valid."""
+    """One episode per simulation, T steps each; steps after a termination are not valid."""
 
     observation: Array  # (T+1, N, o) float32
     privileged: Array  # (T+1, N, p) float32
     action: Array  # (T, N, a) float32, as drawn
-    reward: Array  # (T, N) the task's own
-    reward_terms: dict[str, float]  # what each term of it gave, summed over an episode, in the mean over the episodes
+    reward: Array  # (T, N) of the task
+    reward_terms: dict[str, float]  # each term of it, summed over an episode, mean over the episodes
     terminated: Array  # (T, N) bool
     valid: Array  # (T, N) bool
-    skill: Array  # (N,), `MIXED` where the episode goes to a mixture of several
-    weights: Array  # (N, K) float32 of the skills, one-hot where it is one
+    skill: Array  # (N,), `MIXED` for a mixture
+    weights: Array  # (N, K) float32 of the skills, one-hot without mixture
     noise: Array  # (N, d) the epsilon of z = mean + std * epsilon
     latent: Array  # (N, d)
-    final_distance: Array  # (N,) m, of the judged point to its goal at the end
-    seconds: float  # spent in all, resets and drawing of noise included
+    final_distance: Array  # (N,) m, of achieved and desired goal at the end
+    seconds: float  # wall time, including resets and drawing of noise
 
 
 class StartPool(RingBuffer):
-    """States that earlier rollouts passed through, to start new episodes from."""
+    """States passed in earlier rollouts, to start new episodes from."""
 
-    SNAPSHOTS = 4  # moments of each rollout that are kept
+    SNAPSHOTS = 4  # states kept of each rollout
 
     @property
     def sim_states(self) -> Array | None:
-        """(capacity, S), None as long as nothing was added."""
+        """Return the states (capacity, S), None if the pool is empty."""
         return self.columns[0] if self.columns else None
 
     @sim_states.setter
@@ -94,13 +94,13 @@ class StartPool(RingBuffer):
         self.columns = () if sim_states is None else (sim_states,)
 
     def draw(self, count: int, rng: np.random.Generator) -> Array:
-        """(count, S) states drawn with replacement; only when something was added."""
+        """Sample states (count, S) with replacement; the pool must not be empty."""
         return self.sample(count, rng)[0]
 
 
 def start_episodes(env: VectorEnvironment, pool: StartPool, chained: float, rng: np.random.Generator) -> Array:
-    """Give every simulation a skill and a start; returns the skills (N,), as evenly many as can be."""
-    first = rng.integers(len(env.goals))  # where simulations and skills do not divide, nobody is always left over
+    """Give every simulation a skill and a start; return the skills (N,), as evenly distributed as possible."""
+    first = rng.integers(len(env.goals))  # rotate the remainder so that no skill is systematically under-sampled
     skills = rng.permutation((np.arange(env.num_envs) + first) % len(env.goals))
     continued = rng.random(env.num_envs) < chained if pool.filled else np.zeros(env.num_envs, dtype=bool)
     fresh, kept = np.flatnonzero(~continued), np.flatnonzero(continued)
@@ -115,7 +115,7 @@ def start_episodes(env: VectorEnvironment, pool: StartPool, chained: float, rng:
 def collect(
     env: VectorEnvironment, agent: Agent, pool: StartPool, chained: float, rng: np.random.Generator, mixer: Mixer = UNMIXED
 ) -> Rollout:
-    """Run one episode in every simulation, and keep some of the states passed for later starts."""
+    """Run one episode in every simulation, and keep some of the passed states for later starts."""
     started = time.perf_counter()
     steps, num_envs = env.horizon, env.num_envs
     skill, weights = mixer.mix(start_episodes(env, pool, chained, rng), agent.skills, rng)
@@ -147,7 +147,7 @@ def collect(
         for name, values in step.reward_terms.items():
             terms[name] += float(values @ alive)
         if t in kept_moments:
-            pool.add(env.save(everyone[alive]))  # nobody starts where someone failed
+            pool.add(env.save(everyone[alive]))  # no episode starts from a failed one
     seconds = time.perf_counter() - started
     return Rollout(
         observation=observation,

@@ -1,6 +1,6 @@
-"""Whether a saved state is one that a training could have been in: types, shapes and ranges of all that it holds.
+"""Check a checkpoint: types, shapes and ranges of everything in it.
 
-A checkpoint lies on a disk for days, and where it does not fit, training would go on to another result and call it success.
+A checkpoint may be days old. If it did not fit, training would resume to another result without an error.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ UPDATED = (
     "inference_loss",
 )  # fmt: skip
 OF_MIXTURES = ("mixed/success_rate", "mixed/final_distance")
-"""Curves that have gaps, NaN, in iterations without mixtures."""
+"""Curves with gaps, NaN, in iterations without mixtures."""
 _KEYS = {"iteration", "env_steps", "sampling_seconds", "policy_rate", "generator", "pool"}
 _SLOTS = ("exp_avg", "exp_avg_sq", "step")  # of Adam
 _LONGEST = 1e10  # s, of a training
@@ -32,16 +32,16 @@ _SHOWN = 60  # characters of a value
 
 
 def curve_names(skills: int, reward_names: Iterable[str], mixed: bool = False) -> set[str]:
-    """Names of all learning curves."""
+    """Return the names of all learning curves."""
     terms = (f"reward/{name}" for name in reward_names)
     return {*COLLECTED, *UPDATED, *terms, *(OF_MIXTURES if mixed else ()), *(f"success/{skill + 1}" for skill in range(skills))}
 
 
 def check_saved(learner: Learner, arrays: Mapping[str, Array], state: Mapping[str, Any]) -> None:
-    """Refuse what `Learner.state` cannot have given, on this environment, recipe and seed.
+    """Refuse a state that `Learner.state` cannot have returned for this environment, recipe and seed.
 
     Raises:
-        ValueError: what is wrong first.
+        ValueError: names the first problem.
     """
     for problem in (*_counters(learner, state), *_generator(learner, state)):
         raise ValueError(problem)
@@ -52,12 +52,12 @@ def check_saved(learner: Learner, arrays: Mapping[str, Array], state: Mapping[st
 
 
 def is_seconds(found: Any) -> bool:
-    """Whether a value is a duration that a training can have taken."""
+    """Return whether a value is a valid duration of a training."""
     return type(found) in (int, float) and 0 <= found <= _LONGEST
 
 
 def shown(found: Any) -> str:
-    """A value as it is said in a message, cut short."""
+    """Write a value in a message, cut short."""
     text = repr(found)
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
 
@@ -82,7 +82,7 @@ def _counters(learner: Learner, state: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _generator(learner: Learner, state: Mapping[str, Any]) -> Iterator[str]:
-    """The generator must be of the kind and the stream that the seed gives; where it stands in it can be anywhere."""
+    """Check that the generator has the type and the stream of the seed; its position may be any."""
     own, found = learner.rng.bit_generator.state, state.get("generator")
     if not isinstance(found, dict) or found.keys() != own.keys() or not isinstance(found["state"], dict):
         yield "generator is not the state of one"
@@ -116,7 +116,7 @@ def _arrays(learner: Learner, arrays: Mapping[str, Array], iterations: int) -> I
 
 
 def _slots(learner: Learner) -> dict[str, tuple[int, ...]]:
-    """What the optimisers remember of every weight that is learned, after the first update."""
+    """Return the optimisers' state of every learned weight, after the first update."""
     shapes: dict[str, tuple[int, ...]] = {}
     for group, optimizer in vars(learner.optimizers).items():
         assert isinstance(optimizer, torch.optim.Adam)
@@ -127,7 +127,7 @@ def _slots(learner: Learner) -> dict[str, tuple[int, ...]]:
 
 
 def _pool(learner: Learner, arrays: Mapping[str, Array], pool: list[int]) -> Iterator[str]:
-    """A ring: filled from the front, and from then on overwritten anywhere."""
+    """Check the ring: filled from the front, later overwritten anywhere."""
     sim_states, (filled, following), capacity = arrays.get("pool"), pool, learner.pool.capacity
     if not (0 <= filled <= capacity and 0 <= following < capacity and (filled == capacity or following == filled)):
         yield f"pool cannot have {filled} states, the next one in place {following}, of {capacity}"
@@ -142,7 +142,7 @@ def _pool(learner: Learner, arrays: Mapping[str, Array], pool: list[int]) -> Ite
 
 
 def _agreement(learner: Learner, arrays: Mapping[str, Array], state: Mapping[str, Any]) -> Iterator[str]:
-    """What the curves say must be what the counters say."""
+    """Check that curves and counters agree."""
     each = learner.env.num_envs * learner.env.horizon
     if not np.array_equal(arrays["curves/env_steps"], each * np.arange(1, state["iteration"] + 1)):
         yield "curves/env_steps does not count its control steps"

@@ -13,7 +13,7 @@ MAX_LAYERS = 16
 
 
 class Embedding(Section):
-    """The skill embedding p(z|t) and the inference network's view q(z|window)."""
+    """Settings of the skill embedding p(z|t) and the inference network q(z|window)."""
 
     size: int = value(3, "dimensions of the latent space", "", ge=1, le=64)
     window: int = value(6, "observations that the inference network sees", "steps", ge=1, le=64)
@@ -88,7 +88,7 @@ class Training(Section):
 
 
 class Mixtures(Section):
-    """Mixtures of skills that are trained beside the skills, which make the latent space a map; none by default."""
+    """Training on mixtures of skills, which makes the latent space a map; none by default."""
 
     share: float = value(
         0.0, "share of the episodes whose latent is a mixture of those of the skills, and whose goal is that of the goals", "",
@@ -112,7 +112,7 @@ class Mixtures(Section):
         return self
 
     def share_at(self, progress: float) -> float:
-        """Their share at some progress of the training from 0 to 1."""
+        """Return the share of mixtures at a progress of the training from 0 to 1."""
         return self.share * phased_in(self.span, progress)
 
 
@@ -121,7 +121,7 @@ class LearnedTask(Protocol):
 
     @property
     def goals(self) -> tuple[Any, ...]:
-        """One of each skill."""
+        """One goal per skill."""
 
     @property
     def tolerance(self) -> float:
@@ -133,7 +133,7 @@ class LearningRecipe(Protocol):
 
     @property
     def task(self) -> LearnedTask:
-        """What the skills are for."""
+        """Settings of the task."""
 
     @property
     def embedding(self) -> Embedding:
@@ -145,12 +145,12 @@ class LearningRecipe(Protocol):
 
     @property
     def training(self) -> Training:
-        """How they are trained."""
+        """Settings of training."""
 
     @property
     def mixtures(self) -> Mixtures:
-        """Which mixtures of skills are trained too."""
+        """Settings of mixtures."""
 
     @property
     def randomisation(self) -> Randomisation:
-        """What differs from episode to episode."""
+        """Domain randomization."""

@@ -1,4 +1,4 @@
-"""The sizes of all networks of a skill library, as arithmetic: nothing is built, however large a recipe asks for them."""
+"""Compute the sizes of all networks of a skill library without building them, however large a recipe asks for."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ Shape = tuple[int, ...]
 
 
 def weight_shapes(recipe: LearningRecipe, observation: int, action: int, privileged: int) -> dict[str, Shape]:
-    """Shape of every weight of `skillcli.learning.agent.Agent` by its dotted name.
+    """Return the shape of every weight of `skillcli.learning.agent.Agent` by its dotted name.
 
     Args:
         recipe: gives the hidden layers, the latent space and the skills.
         observation: size o.
         action: size a.
-        privileged: size p of what only the value function sees.
+        privileged: size p of the value function's own observations.
     """
     embedding, network, skills = recipe.embedding, recipe.network, len(recipe.task.goals)
     latent, linear = embedding.size, network.linear_latent
@@ -40,7 +40,7 @@ def _normalizer(name: str, size: int) -> dict[str, Shape]:
 
 
 def _mlp(name: str, sizes: Sequence[int]) -> dict[str, Shape]:
-    """Linear layers with a tanh behind each but the last: every second module has weights."""
+    """Return the shapes of linear layers with a tanh after each but the last: every second module has weights."""
     shapes: dict[str, Shape] = {}
     for layer, (fan_in, fan_out) in enumerate(pairwise(sizes)):
         shapes |= {f"{name}.body.{2 * layer}.weight": (fan_out, fan_in), f"{name}.body.{2 * layer}.bias": (fan_out,)}

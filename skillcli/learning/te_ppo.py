@@ -5,9 +5,9 @@ The objective is that of Julian et al. 2018 (arXiv:1809.10253, eq. 1), after Hau
     max  E[ sum_i gamma^i r^(s_i, a_i, z, t) ]
     r^ = alpha_1 E_t[H{p(z|t)}] + alpha_2 log q(z|window_i) + alpha_3 H{pi(a_i|s_i,z)} + r_t(s_i, a_i)
 
-The term in alpha_2 enters the reward, where it acts through what the policy does. The two entropies have gradients of
-their own and enter the loss. One epsilon per episode gives z = mean_t + std_t * epsilon; the policy ratio is evaluated at
-that z, so the embedding learns through the policy. Episodes may go to mixtures of skills, see `mixtures`.
+The term in alpha_2 is part of the reward, because it depends on the policy's actions. The two entropies have gradients of
+their own and are part of the loss. One epsilon per episode gives z = mean_t + std_t * epsilon; the policy ratio is evaluated
+at that z, so the embedding learns through the policy. Episodes may have mixtures of skills, see `mixtures`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from skillcli.trajectories import Array
 
 
 def augmented_reward(reward: Array, log_q: Array, training: Training) -> Array:
-    """The task's reward, scaled, and alpha_2 times the clipped log q(z|window); (T, N) each."""
+    """Add the scaled reward of the task and alpha_2 times the clipped log q(z|window); (T, N) each."""
     diversity = np.clip(log_q, -training.inference_clip, training.inference_clip)
     augmented: Array = training.reward_scale * reward + training.inference_reward * diversity
     return augmented
@@ -40,22 +40,23 @@ def augmented_reward(reward: Array, log_q: Array, training: Training) -> Array:
 FINAL_KL_SHARE = 0.05  # of the target KL, at the end of training
 
 
-def annealed_kl(target: float, settle_from: float, progress: float) -> float:
-    """The target KL at some progress of the training: as given up to `settle_from`, then shrinking linearly."""
-    return target * max(FINAL_KL_SHARE, 1.0 - _settling(settle_from, progress))
+def annealed_kl(target: float, anneal_start: float, progress: float) -> float:
+    """Return the target KL at a progress of the training: constant up to `anneal_start`, then decreasing linearly."""
+    return target * max(FINAL_KL_SHARE, 1.0 - _annealing(anneal_start, progress))
 
 
-def annealed_std(final: float, settle_from: float, progress: float) -> float:
-    """The largest standard deviation of an action at some progress of the training: 1 up to `settle_from`, then down to
-    `final` by the same factor each time. What is learned under noise relies on it: noise carries a box on.
+def annealed_std(final: float, anneal_start: float, progress: float) -> float:
+    """Return the largest standard deviation of an action: 1 up to `anneal_start`, then decreasing geometrically to `final`.
+
+    Skills learned under noise rely on it: noise helps to move a box.
     """
-    settled: float = final ** _settling(settle_from, progress)
+    settled: float = final ** _annealing(anneal_start, progress)
     return settled
 
 
-def _settling(settle_from: float, progress: float) -> float:
-    """How much of the settling is behind: 0 up to `settle_from`, 1 at the end of the training."""
-    return max(0.0, progress - settle_from) / max(1.0 - settle_from, 1e-9)
+def _annealing(anneal_start: float, progress: float) -> float:
+    """Return the progress of annealing: 0 up to `anneal_start`, 1 at the end of the training."""
+    return max(0.0, progress - anneal_start) / max(1.0 - anneal_start, 1e-9)
 
 
 @dataclass(frozen=True)
@@ -69,15 +70,15 @@ class Batch:
     advantage: Tensor  # (n,) standardised
     value_target: Tensor  # (n,) in units of the value scale
     skill: Tensor  # (n,), `MIXED` for mixtures
-    weights: Tensor  # (n, K) of the skills, one-hot where it is one
+    weights: Tensor  # (n, K) of the skills, one-hot without mixture
     noise: Tensor  # (n, d)
     latent: Tensor  # (n, d) as used in the rollout
-    window: Tensor  # (n, H*o) normalised, up to the state that the step led to
+    window: Tensor  # (n, H*o) normalised, up to the state after the step
 
 
 @dataclass
 class Optimizers:
-    """One per group of weights that share no gradient; the policy's step size is adapted."""
+    """One per group of weights without common gradients; the policy's step size is adapted."""
 
     policy: torch.optim.Adam
     value: torch.optim.Adam
@@ -85,7 +86,7 @@ class Optimizers:
 
     @staticmethod
     def of(agent: Agent, rate: float) -> Optimizers:
-        """Adam for policy and embedding together, for the value function, and for the inference network."""
+        """Make Adam for policy and embedding together, for the value function, and for the inference network."""
 
         def adam(*modules: torch.nn.Module) -> torch.optim.Adam:
             weights = [weight for module in modules for weight in module.parameters()]
@@ -95,7 +96,7 @@ class Optimizers:
 
     @property
     def policy_rate(self) -> float:
-        """The policy's present step size."""
+        """Return the policy's present step size."""
         return float(self.policy.param_groups[0]["lr"])
 
     @policy_rate.setter
@@ -105,7 +106,7 @@ class Optimizers:
 
 @torch.no_grad()
 def prepare(rollout: Rollout, agent: Agent, training: Training) -> tuple[Batch, dict[str, float]]:
-    """Values, augmented rewards and advantages of a rollout, flattened; and what is worth logging."""
+    """Compute values, augmented rewards and advantages of a rollout, flattened; and scalars to log."""
     steps = rollout.action.shape[0]
     observation = agent.normalizer(torch.from_numpy(rollout.observation))  # (T+1, N, o)
     privileged = agent.normalized_privileged(torch.from_numpy(rollout.privileged))  # (T+1, N, p)
@@ -145,12 +146,11 @@ def prepare(rollout: Rollout, agent: Agent, training: Training) -> tuple[Batch, 
 def update(
     batch: Batch, agent: Agent, optimizers: Optimizers, training: Training, progress: float, rng: np.random.Generator
 ) -> dict[str, float]:
-    """Several epochs over one batch. Policy and embedding, and value and inference, share no weights: two threads.
+    """Run several epochs over one batch. Policy and embedding share no weights with value and inference: two threads.
 
-    `progress` of the training goes from 0 to 1. Towards its end the target KL shrinks, so that the last steps settle instead
-    of wandering.
+    `progress` of the training goes from 0 to 1. Towards its end the target KL decreases, so that the last steps settle.
 
-    Each thread runs its own torch operations on one core, so the result does not depend on how many cores there are.
+    Each thread runs its own torch operations on one core, so the result does not depend on the number of cores.
     """
     orders = [rng.permutation(len(batch.skill)) for _ in range(training.epochs)]
     with ThreadPoolExecutor(2, initializer=torch.set_num_threads, initargs=(1,)) as threads:
@@ -187,13 +187,13 @@ def _update_actor(
 
 
 def _log_prob(batch: Batch, agent: Agent, chosen: Tensor) -> Tensor:
-    """log pi(a|s, z) at the z that the embedding as it is now gives to the same skill, or mixture of skills, and epsilon."""
+    """Compute log pi(a|s, z) at the z of the present embedding for the same skill or mixture, and the same epsilon."""
     latent = present_latent(batch, agent, chosen)
     return gaussian.log_prob(batch.action[chosen], agent.policy(batch.observation[chosen], latent), agent.policy.std)
 
 
 def present_latent(batch: Batch, agent: Agent, chosen: Tensor) -> Tensor:
-    """z = mean_t + std_t * epsilon for some samples by their indices (m,), or what `mixtures` says, (m, d)."""
+    """Compute z = mean_t + std_t * epsilon for samples with indices (m,), or as `mixtures` says, (m, d)."""
     mean, std, skill = agent.embedding.mean, agent.embedding.std, batch.skill[chosen]
     if (skill == MIXED).any():
         weights = batch.weights[chosen]

@@ -149,7 +149,7 @@ def test_a_training_that_comes_apart_says_so_and_leaves_nothing(tmp_path: Path) 
     result = skill("--store", tmp_path, "--json", *SMALL, "--set", "training.reward_scale=1e30")
     assert result.code == 1
     error = result.json["error"]
-    assert "came apart" in error["message"] and "learning_rate" in error["hint"]
+    assert "diverged" in error["message"] and "learning_rate" in error["hint"]
     assert files(tmp_path) == set()
 
 
