@@ -297,7 +297,7 @@ class Perturbed(PointEnvironment):
         super().randomize(parameters, rng)
 
     def privileged(self) -> Array:
-        return self._step_limit.astype(np.float32)
+        return (self._step_limit * self._gain).astype(np.float32)
 
 
 def perturbed(*changes: str, num_envs: int = 400) -> list[dict[str, Array]]:
