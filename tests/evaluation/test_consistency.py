@@ -23,6 +23,7 @@ from skillcli.learning.agent import Agent
 from skillcli.learning.shapes import weight_shapes
 from skillcli.recipe import load_recipe, recipe_names, resolve
 from skillcli.store import STAGES, Artifact, ArtifactId, Store
+from skillcli.tasks.world import World
 from skillcli.viz.loading import scene_of
 
 Change = Callable[[dict[str, Any], dict[str, Any]], None]  # of arrays and recipe
@@ -236,10 +237,11 @@ def test_sizes_of_weights_are_those_of_the_networks(name: str) -> None:
     ]
     for overrides in variants:
         one = load_recipe(name, overrides)
-        env = make_env(one.task, 1)
-        assert sizes(one.task) == (env.observation_size, env.action_size, env.privileged_size)
+        world = World.of(one)
+        env = world.make_env(1)
+        assert world.sizes == (env.observation_size, env.action_size, env.privileged_size)
         agent = Agent(one, env.observation_size, env.action_size, env.goals, privileged=env.privileged_size)
-        assert weight_shapes(one, *sizes(one.task)) == {path: array.shape for path, array in agent.arrays().items()}
+        assert weight_shapes(one, *world.sizes) == {path: array.shape for path, array in agent.arrays().items()}
 
 
 def test_sizes_of_an_observation_follow_the_task() -> None:

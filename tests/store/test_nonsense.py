@@ -151,7 +151,7 @@ ANSWERS = [
     ("embed-means", put("skills.0.mean", [0.0]), "a mean in the results has 1 entries, expected 3"),
     ("compose", put("method", 7), "results.method must be text"),
     ("compose", put("routes", 3), "results.routes is 3, there are 2"),
-    ("compose", put("segments.0.route", 9), "the results name a route that there is not"),
+    ("compose", put("segments.0.route", 9), "the results name a route that does not exist"),
     ("compose", put("broken", [{"route": 0}]), "results.broken[0].limit is missing"),
     ("compose", put("violations", {"x": "y"}), "results.violations.'x' must be a whole number"),
     ("transfer-eval", put("domains", []), "does not divide 10 episodes among domains"),
