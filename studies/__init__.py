@@ -1,1 +1,1 @@
-"""Studies behind docs/experiments.md: each is a script of its own, `python -m studies.NAME`."""
+"""Studies behind docs/experiments/: each is a script of its own, `python -m studies.NAME`."""

@@ -15,7 +15,7 @@ from skillcli.tasks.push.settings import PushTask
 # keeps a box from spinning under a finger. impratio makes friction stiffer than the normal force, so that a pushed box does
 # not creep. Impedance rises from zero over the first millimetres, so that the outcome depends less on the exact time of a
 # touch. It is stiff enough to keep the overlap below 3 mm, and no stiffer, since the outcome then depends more on the time
-# step; docs/experiments.md has the study.
+# step; docs/experiments/push.md has the study.
 IMPRATIO = 10.0
 TABLE_SOLREF, TABLE_SOLIMP = (0.01, 1.0), (0.0, 0.998, 0.003, 0.5, 1.0)
 FINGER_SOLREF, FINGER_SOLIMP = (0.01, 1.0), (0.0, 0.998, 0.002, 0.5, 1.0)
