@@ -1,4 +1,4 @@
-"""Poses and shapes of the bodies of a MuJoCo model, as primitives, without a viewer."""
+"""Poses of the bodies of a MuJoCo model, which geoms to draw of each, and their shapes as primitives, without a viewer."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ _SHAPES = {
     mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
     mujoco.mjtGeom.mjGEOM_BOX: "box",
 }
+_FLAT = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)  # never drawn: endless, or a landscape
 
 
 class Shape(NamedTuple):
@@ -52,29 +53,45 @@ def of_arm(model: mujoco.MjModel, joints: tuple[str, ...], body: int) -> bool:
     return int(model.body_rootid[body]) == int(model.body_rootid[model.joint(joints[0]).bodyid[0]])
 
 
-def shapes(model: mujoco.MjModel) -> dict[int, list[Shape]]:
-    """Return the primitives to draw of each body that has some.
+def drawn_geoms(model: mujoco.MjModel) -> dict[int, list[int]]:
+    """Return the geoms to draw of each body that has some.
 
-    A body with collision geoms only is drawn by these. Planes, meshes and height fields are left out: the models here are
-    made of primitives.
+    Of a body these are what it has in visual groups; a body with collision geoms only is drawn by these. Some models keep
+    collision geoms in a low group, beside visual meshes in another one where nothing collides: those are left out.
     """
-    dressed = {int(b) for b in model.geom_bodyid[model.geom_group <= LAST_VISUAL_GROUP]}
-    found: dict[int, list[Shape]] = {}
-    for geom in range(model.ngeom):
-        form = _SHAPES.get(mujoco.mjtGeom(model.geom_type[geom]))
-        color = _color(model, geom)
-        undrawn = model.geom_group[geom] > LAST_VISUAL_GROUP and int(model.geom_bodyid[geom]) in dressed
-        if form is None or color[3] == 0 or undrawn:
-            continue
-        size = np.array(model.geom_size[geom])
-        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_SPHERE:
-            size = np.repeat(size[:1], 3)
-        shape = Shape(form, size, np.array(model.geom_pos[geom]), xyzw(np.array(model.geom_quat[geom])), color)
-        found.setdefault(int(model.geom_bodyid[geom]), []).append(shape)
+    collides = (model.geom_contype | model.geom_conaffinity) != 0
+    dressing = set(range(LAST_VISUAL_GROUP + 1)) - {int(group) for group in model.geom_group[collides]}
+    found: dict[int, list[int]] = {}
+    for body in range(model.nbody):
+        geoms = [geom for geom in np.flatnonzero(model.geom_bodyid == body) if model.geom_type[geom] not in _FLAT]
+        visual = [geom for geom in geoms if model.geom_group[geom] <= LAST_VISUAL_GROUP]
+        dress = [geom for geom in visual if model.geom_group[geom] in dressing]
+        whole = any(model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH for geom in dress)
+        chosen = [int(geom) for geom in (dress if whole else visual or geoms) if geom_color(model, int(geom))[3] > 0]
+        if chosen:
+            found[body] = chosen
     return found
 
 
-def _color(model: mujoco.MjModel, geom: int) -> Array:
+def shapes(model: mujoco.MjModel) -> dict[int, list[Shape]]:
+    """Return the primitives to draw of each body that has some; for its meshes see `meshes`."""
+    found: dict[int, list[Shape]] = {}
+    for body, geoms in drawn_geoms(model).items():
+        primitives = [_shape(model, geom) for geom in geoms if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH]
+        if primitives:
+            found[body] = primitives
+    return found
+
+
+def _shape(model: mujoco.MjModel, geom: int) -> Shape:
+    size, form = np.array(model.geom_size[geom]), mujoco.mjtGeom(model.geom_type[geom])
+    if form == mujoco.mjtGeom.mjGEOM_SPHERE:
+        size = np.repeat(size[:1], 3)
+    turned = xyzw(np.array(model.geom_quat[geom]))
+    return Shape(_SHAPES[form], size, np.array(model.geom_pos[geom]), turned, geom_color(model, geom))
+
+
+def geom_color(model: mujoco.MjModel, geom: int) -> Array:
     """Return the colour of a geom, (4,); a material overrides the geom's own colour, as in MuJoCo's viewer."""
     material = int(model.geom_matid[geom])
     return np.array(model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom])

@@ -49,6 +49,19 @@ BOX = """
     </body>
 """
 
+TETRAHEDRON = """
+<mujoco>
+  <asset><mesh name="tip" vertex="0.1 0 0  0.4 0 0  0.1 0.2 0  0.1 0 0.1" face="0 2 1  0 1 3  0 3 2  1 2 3"/></asset>
+  <worldbody>
+    <body name="hand" pos="0 0 0.3">
+      <joint name="right_j0" axis="0 0 1"/>
+      <geom type="mesh" mesh="tip" pos="0.2 0 0" quat="1 0 0 1" rgba="0.2 0.4 0.6 1" group="1" contype="0" conaffinity="0"/>
+      <geom type="mesh" mesh="tip" pos="0.2 0 0" quat="1 0 0 1" rgba="1 0 0 1"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
 REACH_GOALS = np.array([(x, y, z) for x in (0.5, 0.7) for z in (0.15, 0.3) for y in (0.3, -0.3)])
 PUSH_GOALS = np.array([(0.75, 0, 0.0), (0.45, 0, 0.0), (0.6, 0.15, 0.0), (0.6, -0.15, 0.0)])
 POINT_GOALS = np.array([(0.0, 3.0, 0.0), (3.0, 0.0, 0.0), (0.0, -3.0, 0.0), (-3.0, 0.0, 0.0)])

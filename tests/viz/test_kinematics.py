@@ -71,3 +71,19 @@ def test_the_robot_itself_is_drawn_whole() -> None:
     drawn = {kinematics.body_name(model, body) for body in kinematics.shapes(model)}
     assert {f"right_l{i}" for i in range(7)} <= drawn
     kinematics.body_poses(model, scenes.joints_of(model), np.zeros((1, 7)))
+
+
+def test_collision_geoms_in_a_low_group_are_left_out_beside_visual_meshes() -> None:
+    model = mujoco.MjModel.from_xml_string(scenes.TETRAHEDRON)
+    assert kinematics.drawn_geoms(model) == {1: [0]}
+    model.geom_contype[0] = 1  # no group is for looks alone any more
+    assert kinematics.drawn_geoms(model) == {1: [0, 1]}
+
+
+def test_a_mark_on_a_body_does_not_replace_it() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body>
+        <geom type="box" size=".1 .1 .1"/><geom type="sphere" size=".01" group="1" contype="0" conaffinity="0"/>
+        </body></worldbody></mujoco>"""
+    )
+    assert kinematics.drawn_geoms(model) == {1: [0, 1]}

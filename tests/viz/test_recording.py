@@ -13,11 +13,12 @@ import scenes
 from rerun.chunk import RrdReader
 
 from skillcli.errors import SkillError
-from skillcli.viz import motion
+from skillcli.viz import motion, recording
 from skillcli.viz.palette import look, rgba
 from skillcli.viz.recording import notes, record
 from skillcli.viz.recording.clock import PAUSE_S, clocks
 from skillcli.viz.recording.space import rest_after
+from skillcli.viz.scene import Scene
 
 
 def column(path: Path, entity: str, name: str) -> list[object]:
@@ -118,6 +119,36 @@ def test_capsules_begin_where_mujocos_do(tmp_path: Path) -> None:
     assert length == pytest.approx([0.45])
     ends = np.array([[0, 0, 0], [0.45, 0, 0]])
     assert min(np.linalg.norm(np.array(start)[0] - end) for end in ends) < 1e-6
+
+
+def test_meshes_are_drawn_with_their_faces_and_colour(tmp_path: Path) -> None:
+    path = tmp_path / "scene.rrd"
+    entities = record(with_mesh(), path)
+    assert "/world/model/hand/mesh/0-tip" in entities
+    (faces,) = column(path, "/world/model/hand/mesh/0-tip", "Mesh3D:triangle_indices")
+    (color,) = column(path, "/world/model/hand/mesh/0-tip", "Mesh3D:albedo_factor")
+    assert len(np.reshape(faces, (-1, 3))) == 4
+    assert color == [51 << 24 | 102 << 16 | 153 << 8 | 255]
+    assert column(path, "/world/model/hand", "Transform3D:translation")
+
+
+@pytest.mark.parametrize(("largest", "vertices"), [(1, 8), (10**9, 4)])
+def test_meshes_that_would_make_the_file_too_large_are_drawn_more_simply(
+    largest: int, vertices: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recording, "LARGEST", largest)
+    record(with_mesh(), tmp_path / "scene.rrd")
+    (found,) = column(tmp_path / "scene.rrd", "/world/model/hand/mesh/0-tip", "Mesh3D:vertex_positions")
+    assert len(np.reshape(found, (-1, 3))) == vertices
+
+
+def with_mesh() -> Scene:
+    """A scene of an arm with one joint, that is a mesh."""
+    scene = scenes.make("compose", "reach")
+    assert scene.trajectories.joint_position is not None
+    moved = replace(scene.trajectories, joint_position=scene.trajectories.joint_position[..., :1])
+    model = mujoco.MjModel.from_xml_string(scenes.TETRAHEDRON)
+    return replace(scene, trajectories=moved, model=model, joints=("right_j0",))
 
 
 def test_paths_are_cut_and_coloured_by_skill(tmp_path: Path) -> None:

@@ -15,12 +15,11 @@ from skillcli.robots.robot import Robot
 from skillcli.robots.scene import GRIPPER
 from skillcli.trajectories import Array
 from skillcli.viz.figure_style import WIDTH, blank
-from skillcli.viz.kinematics import LAST_VISUAL_GROUP, moves
+from skillcli.viz.kinematics import drawn_geoms, geom_color, moves
 
 VIEWS = (("from the side", 0, 2), ("from above", 0, 1))
 ROUND = 16  # points of a circle
 MARGIN = 0.05  # m around the arm
-_FLAT = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
 
 
 def draw_robot(robot: Robot, start: tuple[float, ...], goals: Array) -> Figure:
@@ -60,18 +59,13 @@ def _workspace(axes: Any, robot: Robot, across: int, up: int) -> None:
 
 def _outlines(model: mujoco.MjModel, data: mujoco.MjData) -> Any:
     """Yield points whose hull is the outline of each geom of the arm, (P, 3) m, and its colour; lower ones first."""
-    table = model.body("table").id
-    dressed = {int(b) for b in model.geom_bodyid[model.geom_group <= LAST_VISUAL_GROUP]}
-    order = np.argsort(data.geom_xpos[:, 2])
-    for geom in map(int, order):
-        body = int(model.geom_bodyid[geom])
-        hidden = model.geom_group[geom] > LAST_VISUAL_GROUP and body in dressed
-        if body == table or hidden or model.geom_type[geom] in _FLAT:
-            continue
+    drawn = drawn_geoms(model)
+    drawn.pop(model.body("table").id, None)
+    geoms = [geom for each in drawn.values() for geom in each]
+    for geom in sorted(geoms, key=lambda geom: float(data.geom_xpos[geom, 2])):
         points = _surface(model, geom) @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
-        material = int(model.geom_matid[geom])
-        color = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
-        yield points, np.array(color) if moves(model, body) else np.array([0.4, 0.4, 0.42, 1.0])
+        moving = moves(model, int(model.geom_bodyid[geom]))
+        yield points, geom_color(model, geom) if moving else np.array([0.4, 0.4, 0.42, 1.0])
 
 
 def _surface(model: mujoco.MjModel, geom: int) -> Array:

@@ -18,6 +18,7 @@ from rerun.chunk import RrdReader
 
 from skillcli.errors import SkillError
 from skillcli.viz.files import replacing
+from skillcli.viz.meshes import Detail
 from skillcli.viz.recording.clock import clocks
 from skillcli.viz.recording.latent import log_means, log_moving
 from skillcli.viz.recording.layout import slug
@@ -26,6 +27,8 @@ from skillcli.viz.recording.opening import blueprint
 from skillcli.viz.recording.series import log_curves, log_series
 from skillcli.viz.recording.space import log_comparison, log_goals, log_model, log_paths
 from skillcli.viz.scene import Scene, readable
+
+LARGEST = 5_000_000  # bytes of a file: beyond, meshes are drawn more simply
 
 
 def record(scene: Scene, path: Path) -> list[str]:
@@ -53,12 +56,23 @@ def write(scene: Scene, path: Path) -> list[str]:
         SkillError: the file does not read back.
     """
     scene = readable(scene)
+    has_meshes = scene.model is not None and scene.model.nmesh > 0
+    for detail in Detail if has_meshes else (Detail.FINE,):
+        data = _encoded(scene, detail)
+        if len(data) <= LARGEST:
+            break
+    path.write_bytes(data)
+    return _entities(path)
+
+
+def _encoded(scene: Scene, detail: Detail) -> bytes:
+    """Return the content of the file."""
     stream = rr.RecordingStream(slug(f"skill-{scene.title}"), recording_id=uuid.uuid4())
     memory = stream.memory_recording()  # rerun itself hangs on a full disk, or gives no reason
     stream.send_blueprint(blueprint(scene), make_active=False)
-    _log_all(stream, scene)
-    path.write_bytes(memory.drain_as_bytes())
-    return _entities(path)
+    _log_all(stream, scene, detail)
+    data: bytes = memory.drain_as_bytes()
+    return data
 
 
 def _entities(path: Path) -> list[str]:
@@ -70,7 +84,7 @@ def _entities(path: Path) -> list[str]:
     return sorted(entity for entity in found if not entity.startswith("/__"))
 
 
-def _log_all(stream: rr.RecordingStream, scene: Scene) -> None:
+def _log_all(stream: rr.RecordingStream, scene: Scene, detail: Detail) -> None:
     stream.send_recording_name(scene.title)
     for root in ("world", "latent", *(["source"] if scene.source is not None else [])):
         stream.log(root, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -82,7 +96,7 @@ def _log_all(stream: rr.RecordingStream, scene: Scene) -> None:
     log_curves(stream, scene)
     played = clocks(scene)
     if scene.model is not None and scene.trajectories.joint_position is not None:
-        log_model(stream, scene, played)
+        log_model(stream, scene, played, detail)
     for clock in played:
         log_moving(stream, scene, clock)
         log_series(stream, scene, clock)

@@ -7,6 +7,7 @@ import rerun as rr
 
 from skillcli.trajectories import Array
 from skillcli.viz import kinematics, motion
+from skillcli.viz.meshes import Detail, Mesh, meshes
 from skillcli.viz.palette import TARGET_IN_VIEWER, rgba
 from skillcli.viz.recording.clock import Clock
 from skillcli.viz.recording.layout import called, extent, group, key, skill_colors, slug
@@ -110,24 +111,41 @@ def _strips(scene: Scene, episodes: list[int], radius: float, alpha: float, hand
     return rr.LineStrips3D(strips, colors=colors, radii=radius)
 
 
-def log_model(stream: rr.RecordingStream, scene: Scene, clocks: list[Clock]) -> None:
+def log_model(stream: rr.RecordingStream, scene: Scene, clocks: list[Clock], detail: Detail) -> None:
     """Log the bodies' shapes once, and their poses over the played episodes; in a transfer also those of the source."""
     sent = motion.sent(scene)
     roots = {"world": scene} if sent is None else {"world": scene, "source": sent}
+    primitives, surfaces = kinematics.shapes(scene.model), meshes(scene.model, detail)
     for root, played in roots.items():
-        visible = kinematics.shapes(scene.model)
+        visible = sorted({*primitives, *surfaces})
         if scene.other_robot and played is scene:  # this arm has other shapes
-            visible = {
-                body: shapes for body, shapes in visible.items() if not kinematics.of_arm(scene.model, scene.joints, body)
-            }
-        for body, shapes in visible.items():
-            for form in sorted({shape.form for shape in shapes}):
-                archetype = _shape_archetype(form, [shape for shape in shapes if shape.form == form])
-                stream.log(f"{_body_entity(scene, root, body)}/{form}", archetype, static=True)
+            visible = [body for body in visible if not kinematics.of_arm(scene.model, scene.joints, body)]
+        for body in visible:
+            _log_body(stream, _body_entity(scene, root, body), primitives.get(body, []), surfaces.get(body, []))
         for clock in clocks:
             episode = clock.episode if played is scene else int(scene.episode_source[clock.episode])
             rows = rest_after(np.arange(int(scene.trajectories.length[clock.episode]) + 1), played, episode)
-            _log_poses(stream, played, root, episode, rows, clock, list(visible))
+            _log_poses(stream, played, root, episode, rows, clock, visible)
+
+
+def _log_body(stream: rr.RecordingStream, entity: str, primitives: list[kinematics.Shape], surfaces: list[Mesh]) -> None:
+    """Log what a body looks like: one batch for each form of its primitives, and each of its meshes."""
+    for form in sorted({shape.form for shape in primitives}):
+        archetype = _shape_archetype(form, [shape for shape in primitives if shape.form == form])
+        stream.log(f"{entity}/{form}", archetype, static=True)
+    for mesh in surfaces:
+        archetype = rr.Mesh3D(
+            vertex_positions=mesh.vertices,
+            vertex_normals=mesh.normals,  # without them the viewer does not shade
+            triangle_indices=mesh.faces,
+            albedo_factor=_bytes(mesh.rgba),
+        )
+        stream.log(f"{entity}/mesh/{slug(mesh.name)}", archetype, static=True)
+
+
+def _bytes(rgba: Array) -> Array:
+    """Return colours in 0..1 as bytes."""
+    return np.round(255 * rgba).astype(np.uint8)
 
 
 def rest_after(rows: Array, scene: Scene, episode: int) -> Array:
@@ -163,7 +181,7 @@ def _shape_archetype(form: str, shapes: list[kinematics.Shape]) -> rr.AsComponen
     size = np.array([shape.size for shape in shapes])  # (n, 3)
     position = np.array([shape.position for shape in shapes])  # (n, 3)
     quaternion = np.array([shape.quaternion for shape in shapes])  # (n, 4)
-    colors = np.round(255 * np.array([shape.rgba for shape in shapes])).astype(np.uint8)
+    colors = _bytes(np.array([shape.rgba for shape in shapes]))
     radii, lengths, solid = size[:, 0], 2 * size[:, 1], rr.components.FillMode.Solid
     if form == "box":
         return rr.Boxes3D(half_sizes=size, centers=position, quaternions=quaternion, colors=colors, fill_mode=solid)
