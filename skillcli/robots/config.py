@@ -1,4 +1,4 @@
-"""How a robot is described: a small TOML file beside its MJCF, bounded and checked here without opening the model."""
+"""Read robot files: small TOML files beside a model, bounded and checked without opening the model."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Frame(Section):
 
 
 class Gripper(Frame):
-    """Where the finger is mounted, or ends where the model has one: a site, or a pose on a body. z points out of the hand."""
+    """Where our finger is mounted, or where the model's own ends: a site, or a pose on a body. z points out of the hand."""
 
     site: str = value("", "a site of the model; or else", "")
     body: str = value("", "a body of the model, with pos and quat in its frame", "")
@@ -53,7 +53,7 @@ class Gripper(Frame):
 
 
 class Gains(Section):
-    """Position control of the joints, for a model without position servos; replaces its own where it has them."""
+    """Position control of the joints, for a model without position servos; replaces those that it has."""
 
     kp: Joints = value(..., "stiffness of each joint", "N·m/rad")
     kv: Joints = value(..., "damping of each joint", "N·m·s/rad")
@@ -67,7 +67,7 @@ class Gains(Section):
 
 
 class Workspace(Section):
-    """Where the finger can be, for the check of goals."""
+    """Bounds of where the finger can be; goals outside are refused."""
 
     shoulder: Vector3 = value(..., "on the axis of the first joint, at the height of the second", "m")
     reach: float = value(..., "no point of the finger is farther from the shoulder", "m", gt=0, le=FARTHEST)
@@ -76,7 +76,7 @@ class Workspace(Section):
 
 
 class Description(Section):
-    """A robot file."""
+    """The content of a robot file."""
 
     description: str = value("", "what this robot is, in one line", "")
     model: str = value(..., "the MJCF file, relative to the robot file", "", min_length=1)
@@ -142,25 +142,25 @@ class Description(Section):
 
 
 def bundled_robots() -> list[str]:
-    """Names of the robots that come along, sorted."""
+    """List the names of the robots that come along, sorted."""
     return sorted(path.parent.name for path in Path(__file__).parent.glob("*/*.toml") if path.stem == path.parent.name)
 
 
 def bundled_file(name: str) -> Path:
-    """The file of a bundled robot."""
+    """Return the file of a bundled robot."""
     return Path(__file__).parent / name / f"{name}.toml"
 
 
 def is_path(which: str) -> bool:
-    """Whether a robot is named by its file: what ends in .toml or has a slash in it."""
+    """Check whether a robot is named by its file: the text ends in .toml or contains a slash."""
     return which.endswith(".toml") or "/" in which or "\\" in which
 
 
 def find_robot_file(which: str | Path) -> Path | None:
-    """The robot file that is meant, None for a bundled robot.
+    """Return the path of a robot file, None for a bundled robot.
 
     Raises:
-        UsageError: it is neither.
+        UsageError: the text is neither a path nor the name of a bundled robot.
     """
     text = str(which)
     if text in bundled_robots():
@@ -177,10 +177,10 @@ def _bundled(name: str) -> Description:
 
 
 def describe_robot(which: str) -> Description:
-    """What the file of a robot says; without opening its model.
+    """Read the file of a robot by name or path, without opening its model.
 
     Raises:
-        UsageError: there is no such robot, or its file is wrong.
+        UsageError: there is no such robot, or its file is invalid.
     """
     path = find_robot_file(which)
     if path is None:
@@ -190,7 +190,7 @@ def describe_robot(which: str) -> Description:
 
 
 def start_of(which: str, task: str) -> tuple[float, ...]:
-    """Joint vector at reset of a robot for a task, (n,) rad: where its file has it, else all zeros."""
+    """Return the joint vector at reset for a task, (n,) rad: from the robot's file, else all zeros."""
     said = describe_robot(which)
     return said.starts.get(task, said.start) or (0.0,) * len(said.joints)
 
@@ -199,7 +199,7 @@ def read_description(path: Path) -> Description:
     """Read a robot file.
 
     Raises:
-        UsageError: it is not there, is not TOML, has an unknown key or a value out of bounds.
+        UsageError: the file is missing or not TOML, or has an unknown key or a value out of bounds.
     """
     try:
         content = read_toml(path)
@@ -215,7 +215,7 @@ def read_description(path: Path) -> Description:
 
 @contextmanager
 def blaming(path: Path) -> Iterator[None]:
-    """Say in every error which robot file it is about."""
+    """Name the robot file in every error."""
     try:
         yield
     except UsageError as error:
@@ -223,7 +223,7 @@ def blaming(path: Path) -> Iterator[None]:
 
 
 def _explained(error: ValidationError) -> tuple[str, str]:
-    """One line and a hint, for the first complaint."""
+    """Return one line and a hint for the first error."""
     found = complaint(error, Description)
     if found.kind == "unknown":
         return f"unknown key {found.key!r}", f"keys here: {', '.join(found.known)}"

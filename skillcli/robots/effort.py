@@ -1,4 +1,4 @@
-"""What a MJCF file asks for, before MuJoCo does it: a few lines can ask for more than any machine has."""
+"""Bound what a model file makes MuJoCo build: a few lines can ask for more memory than any machine has."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 from skillcli.errors import UsageError
 
-MAX_BYTES = 32 * 1024 * 1024  # of one file; robots with their meshes beside them have some 100 kB
+MAX_BYTES = 32 * 1024 * 1024  # of one file; a robot file without its meshes has some 100 kB
 MAX_COPIES = 10_000  # of elements that one makes
 MAX_SAMPLES = 4_000_000  # of a height field
 # Element: the attributes whose numbers it multiplies, and how much may come of it.
@@ -21,10 +21,10 @@ _MAKES = {
 
 
 def check_effort(path: Path, seen: frozenset[Path] = frozenset()) -> None:
-    """Refuse a file, with those that it includes, that is huge or makes a huge model. What is no XML is left to MuJoCo.
+    """Refuse a file that is huge or makes a huge model, also through its includes. MuJoCo refuses what is not XML.
 
     Raises:
-        UsageError: it is.
+        UsageError: the file, or what it makes, is too large.
     """
     if path in seen or not path.is_file():
         return
@@ -34,7 +34,7 @@ def check_effort(path: Path, seen: frozenset[Path] = frozenset()) -> None:
         )
     try:
         root = ElementTree.fromstring(path.read_bytes())
-    except (ElementTree.ParseError, ValueError, LookupError):  # LookupError: an encoding that nobody knows
+    except (ElementTree.ParseError, ValueError, LookupError):  # LookupError: an unknown encoding
         return
     left = [(root, 1.0)]
     while left:

@@ -1,4 +1,4 @@
-"""A foreign arm behind our table: alone, driven by position servos, with a finger."""
+"""Import a foreign arm: alone behind our table, driven by position servos, with a finger."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ from skillcli.robots.servos import Servo, add_servo, find_servos, lay_on_joint
 
 FINGER_FILE = Path(__file__).parent / "finger.xml"
 OUR_FINGER = ("palm", "rod")
-PREFIX = "robot/"  # of all names of the foreign model, so that none is one of ours
+PREFIX = "robot/"  # of all names of the foreign model, so that none clashes with ours
 # Flags of a model that would switch off what a task needs, and one that would hide an unstable simulation.
 _NEEDED = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_ACTUATION | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
 _AUTORESET = mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
 
 def build(path: Path, description: Description, source: Source | None) -> tuple[mujoco.MjSpec, Names, list[Servo], list[str]]:
-    """The foreign arm behind our table: the scene, what it calls its parts, its servos, and notes of what was left out.
+    """Build the scene with a foreign arm; return it with the names of its parts, its servos, and notes of what was changed.
 
     Args:
         path: of the MJCF file.
         description: of the robot.
-        source: the arm that it has to be built as, where it is to play the skills of that one.
+        source: the arm whose skills it is to play, if any; it must be of the same build.
 
     Raises:
         UsageError: the model does not fit the description, or cannot be simulated.
@@ -73,7 +73,7 @@ def build(path: Path, description: Description, source: Source | None) -> tuple[
 def _gripper_frame(
     spec: mujoco.MjSpec, model: mujoco.MjModel, description: Description
 ) -> tuple[str, list[float], list[float]]:
-    """The gripper's body, and its pose there."""
+    """Return the body of the gripper, and the pose in it: position (3,) m and quaternion (4,)."""
     holder, pos, quat = _place_on_body(spec, model, description.gripper)
     last = description.joints[-1]
     if spec.joint(last).parent.name not in [body.name for body in upwards(spec.body(holder))]:
@@ -101,7 +101,7 @@ def _place_on_body(spec: mujoco.MjSpec, model: mujoco.MjModel, gripper: Gripper)
 
 
 def _finger_geoms(spec: mujoco.MjSpec, description: Description) -> list[str]:
-    """Names of the geoms that push, made able to touch."""
+    """Make the geoms that push able to touch, and return their names."""
     geoms = []
     hand = spec.joint(description.joints[-1]).parent.name
     for name in description.finger or ():
@@ -126,7 +126,7 @@ def _finger_geoms(spec: mujoco.MjSpec, description: Description) -> list[str]:
 
 
 def _weigh(spec: mujoco.MjSpec) -> list[str]:
-    """Give a model without gravity ours, else a box would not lie on the table; returns a note of that."""
+    """Add gravity to a model without it, else a box would not lie on the table; return a note."""
     off = mujoco.mjtDisableBit.mjDSBL_GRAVITY
     if not int(spec.option.disableflags) & int(off) and np.any(spec.option.gravity):
         return []
@@ -136,7 +136,7 @@ def _weigh(spec: mujoco.MjSpec) -> list[str]:
 
 
 def _compensate(spec: mujoco.MjSpec, description: Description, carried: bool) -> None:
-    """Let the controller carry the arm where that is asked for, or nothing is and the model's arm was `carried`."""
+    """Set gravity compensation as the file says; if it does not, on with gains, or where gravity was added (`carried`)."""
     wanted = description.gravity_compensation
     if wanted is None and (carried or description.gains is not None):
         wanted = True  # with gains the controller is ours, and ours carries the arm
@@ -146,7 +146,7 @@ def _compensate(spec: mujoco.MjSpec, description: Description, carried: bool) ->
 
 
 def _mount(child: mujoco.MjSpec, description: Description, servos: list[Servo]) -> mujoco.MjSpec:
-    """A scene of our own with the table, the arm on its base, and the servos as its first controls."""
+    """Attach the arm to a scene with our table; its servos are the first controls."""
     scene = mujoco.MjSpec()
     scene.compiler.degree = False
     for field in (name for name in dir(child.option) if not name.startswith("_")):
@@ -171,7 +171,7 @@ def _servo_names(servos: list[Servo]) -> tuple[str, ...]:
 
 
 def _put_finger(hand: Any, pos: list[float], quat: list[float], own: bool, default: Any) -> None:
-    """Mark the tip of the arm's own finger, or mount ours, as the site that tasks judge."""
+    """Add the site `gripper` at the tip of the arm's own finger, or mount ours, which has it."""
     if own:
         hand.add_site(default, name=GRIPPER, pos=pos, quat=quat)
         return

@@ -1,4 +1,4 @@
-"""Joint angles that bring the gripper to a place, found by bounded least squares (scipy) on MuJoCo's kinematics."""
+"""Find joint angles that bring the gripper to a place, by bounded least squares (scipy) on MuJoCo's kinematics."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from skillcli.robots.robot import Robot
 from skillcli.robots.scene import GRIPPER, LIMIT_MARGIN
 from skillcli.trajectories import Array
 
-REACHED = 1e-3  # m from the place: the gripper is there
-DOWN_WEIGHT = 5e-3  # m: what a gripper that points sideways counts as; small, so that the place always counts more
-NEAR_WEIGHT = 5e-4  # m/rad: of the distance from the posture to stay near to
-MOST_STEPS = 40  # of one search
-SEARCHES = 8  # from other postures, where the given one leads nowhere
+REACHED = 1e-3  # m: the gripper is at the place if it is nearer than this
+DOWN_WEIGHT = 5e-3  # m: cost of a gripper that points sideways; small, so that the place always weighs more
+NEAR_WEIGHT = 5e-4  # m/rad: cost of the distance from the posture to stay near
+MOST_STEPS = 40  # of one search, at most
+SEARCHES = 8  # from random postures, after the one from the given posture
 
 
 class Posture(NamedTuple):
-    """The arm with its gripper at a place.
+    """Joint angles with the gripper at a place.
 
     Attributes:
         angles: (n,) rad.
@@ -34,7 +34,7 @@ class Posture(NamedTuple):
 
 
 class Kinematics:
-    """Where one arm can get its gripper to, and how.
+    """Forward and inverse kinematics of one arm, with collisions.
 
     Args:
         robot: the arm, behind its table.
@@ -52,27 +52,27 @@ class Kinematics:
         self.low, self.high = self._ranges(margin)
 
     def gripper(self, angles: Array) -> tuple[Array, Array]:
-        """Where the gripper is, (3,) m, and the direction that it points in, (3,), with the arm at angles (n,) rad."""
+        """Compute the gripper's position, (3,) m, and pointing direction, (3,), at angles (n,) rad."""
         self.data.qpos[self._qpos] = angles
         mujoco.mj_kinematics(self.model, self.data)
         return self.data.site_xpos[self._site].copy(), self.data.site_xmat[self._site].reshape(3, 3)[:, 2].copy()
 
     def height(self, angles: Array) -> float:
-        """How high the joints stand in the mean, m, with the arm at angles (n,) rad."""
+        """Compute the mean height of the joints, m, at angles (n,) rad."""
         self.gripper(angles)
         return float(self.data.xanchor[self._joints, 2].mean())
 
     def solve(self, place: Array, near: Array, down: bool = False) -> Posture | None:
-        """Find the posture that a search from `near` leads to, None where it leads to none; see `postures`."""
+        """Search once, from `near`, for a posture with the gripper at a place; None if there is none. See `postures`."""
         return self._search(place, np.clip(near, self.low, self.high), near, down)
 
     def postures(self, place: Array, near: Array, down: bool = False) -> Iterator[Posture]:
-        """Postures without collision with the gripper at a place (3,) m, the one searched from `near` first.
+        """Yield postures without collision with the gripper at a place (3,) m, the one searched from `near` first.
 
         Args:
             place: in the frame of the base.
-            near: angles (n,) rad to begin with and to stay near to.
-            down: whether the gripper should point down, as far as the arm can.
+            near: angles (n,) rad that the first search begins with, and all stay near.
+            down: whether the gripper should point down as far as the arm can.
         """
         rng = np.random.default_rng(0)
         for search in range(1 + SEARCHES):
@@ -82,12 +82,12 @@ class Kinematics:
                 yield found
 
     def collides(self, angles: Array) -> bool:
-        """Whether anything overlaps with the arm at angles (n,) rad."""
+        """Check whether any parts overlap at angles (n,) rad."""
         self.data.qpos[self._qpos] = angles
         return bool(overlaps(self.model, self.data))
 
     def passes(self, start: Array, end: Array, samples: int = 8) -> bool:
-        """Whether the arm gets from angles (n,) rad to others in a straight line without a collision."""
+        """Check whether a straight line between joint angles (n,) rad is free of collisions."""
         return not any(self.collides(start + share * (end - start)) for share in np.linspace(0, 1, samples + 1))
 
     def _search(self, place: Array, first: Array, near: Array, down: bool) -> Posture | None:
@@ -114,7 +114,7 @@ class Kinematics:
         return Posture(angles, float(-axis[2]))
 
     def _ranges(self, margin: float) -> tuple[Array, Array]:
-        """Lowest and highest angle that each joint can have and its servo be told, (n,) rad each; without limits one turn."""
+        """Return the lowest and highest angle that joint and servo allow, (n,) rad each; one turn without limits."""
         low, high = np.full(len(self._qpos), -np.pi), np.full(len(self._qpos), np.pi)
         for index, (name, servo) in enumerate(zip(self.robot.names.joints, self.robot.names.servos, strict=True)):
             joint = self.model.joint(name)

@@ -1,4 +1,4 @@
-"""Whether an arm is built as another one, so that skills learned as joint motions of that one carry over to it."""
+"""Check whether an arm is built like another one: only then do skills, which are joint motions, carry over."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ OTHER_ARM = "skills are joint motions of one arm and do not carry over to anothe
 
 @dataclass(frozen=True)
 class Source:
-    """The arm that skills were trained on, standing at its home."""
+    """The arm that skills were trained on, at its home."""
 
     name: str
     model: mujoco.MjModel
@@ -35,12 +35,12 @@ class Source:
 
 
 def check_build(model: mujoco.MjModel, joints: tuple[str, ...], source: Source) -> None:
-    """Refuse an arm that is plainly built otherwise, however its joints are named, ordered and counted.
+    """Refuse an arm of another build, whatever the names of its joints.
 
-    What is compared stays the same whatever the zeros and signs of the joints, and wherever the arm stands.
+    The measures do not depend on zeros and signs of the joints, nor on the pose of the base.
 
     Raises:
-        UsageError: it is another arm.
+        UsageError: the arm is another one.
     """
     expected_count = len(source.names.joints)
     if len(joints) != expected_count:
@@ -75,10 +75,10 @@ def check_conventions(model: mujoco.MjModel, names: Names, joints: tuple[str, ..
     """Compare gripper and joint axes with those of the source, both arms at the source's home.
 
     Returns:
-        Where the gripper is as seen from the source's, (3,) m, and a note where that is far.
+        The gripper's position relative to the source's, (3,) m, and a note if it is far off.
 
     Raises:
-        UsageError: order, sign or zero of a joint, or the base, is another one.
+        UsageError: order, sign or zero of a joint differs, or the base does.
     """
     here, axes = gripper_and_axes(model, names, source.home)
     there, expected = gripper_and_axes(source.model, source.names, source.home)
@@ -108,11 +108,11 @@ def _shown(vector: Array) -> str:
 
 
 def _measures(model: mujoco.MjModel, joints: tuple[str, ...]) -> tuple[Array, Array, Array]:
-    """What the axes of n joints keep: the parameters of Denavit and Hartenberg (1955) but for the joint angles, without signs.
+    """Measure n joint axes: the parameters of Denavit and Hartenberg (1955) without joint angles and signs.
 
     Returns:
-        Angles between neighbours (n-1,) degrees; how far these pass each other (n-1,) m; and the ways (n-2,) m along an axis
-        from where the one before comes nearest to where the one behind does.
+        Angles between neighbouring axes, (n-1,) degrees; distances between them, (n-1,) m; and lengths (n-2,) m along each
+        inner axis, from the point nearest to the axis before it to the point nearest to the one behind it.
     """
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -126,7 +126,7 @@ def _measures(model: mujoco.MjModel, joints: tuple[str, ...]) -> tuple[Array, Ar
 
 
 def _nearest(a: Array, along_a: Array, b: Array, along_b: Array) -> tuple[Array, Array]:
-    """The points of two lines nearest to each other, (3,) m on each; of parallel ones a point of b and its foot on a."""
+    """Find the nearest points of two lines, (3,) m on each; of parallel lines a point of b and its foot on a."""
     across, way = np.cross(along_a, along_b), b - a
     size = float(across @ across)
     if size < _PARALLEL**2:

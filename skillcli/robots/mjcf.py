@@ -1,4 +1,4 @@
-"""A foreign MJCF file: read, freed of the scene that it came in and of files that are missing, and compiled."""
+"""Read a foreign model, drop its scene and whatever needs missing files, and compile it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MENAGERIE, MENAGERIE_ROOT = "menagerie:", "MENAGERIE_ROOT"
 
 
 def find_model(folder: Path, name: str) -> Path:
-    """The file of a model: a path relative to a folder, or `menagerie:NAME` in a checkout of MuJoCo Menagerie.
+    """Find the file of a model: a path relative to a folder, or `menagerie:NAME` in a checkout of MuJoCo Menagerie.
 
     Raises:
         UsageError: there is no checkout, or no such model in it.
@@ -49,7 +49,7 @@ def find_model(folder: Path, name: str) -> Path:
 
 
 def read_mjcf(path: Path) -> mujoco.MjSpec:
-    """The model of a file, every body with a name.
+    """Read a model, and name every body.
 
     Raises:
         UsageError: there is no such file, or MuJoCo cannot read it.
@@ -78,7 +78,7 @@ def read_mjcf(path: Path) -> mujoco.MjSpec:
 
 @contextmanager
 def quietly() -> Iterator[None]:
-    """Without MuJoCo's warnings: of notation that will go out of use, and of memory that two models ask for differently."""
+    """Silence MuJoCo's warnings about deprecated notation and differing memory sizes."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         yield
@@ -89,7 +89,7 @@ def _line(error: Exception) -> str:
 
 
 def compile_model(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
-    """The compiled model.
+    """Compile a model.
 
     Raises:
         UsageError: MuJoCo refuses it.
@@ -104,15 +104,15 @@ def compile_model(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
         ) from error
 
 
-LARGEST = 1e15  # of any number in a model; mass, length and stiffness of what stands on a table are far below
-_WRITTEN = ("dof_", "jnt_", "body_", "geom_", "site_")  # what a person writes, and is named before what follows from it
+LARGEST = 1e15  # of any number in a model; masses, lengths and stiffnesses of real arms are far smaller
+_WRITTEN = ("dof_", "jnt_", "body_", "geom_", "site_")  # written by a person: named first in errors
 
 
 def check_numbers(model: mujoco.MjModel, path: Path) -> None:
-    """Refuse a model with numbers that are not finite, or that nothing on earth has.
+    """Refuse a model with numbers that are not finite, or absurdly large.
 
     Raises:
-        UsageError: it has some; MuJoCo takes them and simulates nonsense.
+        UsageError: there are some; MuJoCo would accept them and simulate nonsense.
     """
     for name in ("dof_armature", "dof_damping", "dof_frictionloss", "jnt_stiffness"):
         if (getattr(model, name) < 0).any():
@@ -128,7 +128,7 @@ def _derived(name: str) -> bool:
 
 
 def _numbers(owner: Any) -> Iterator[tuple[str, Any]]:
-    """All floating point numbers of a model or its options, by name."""
+    """Yield all floating point numbers of a model or its options, by name."""
     for name in (name for name in dir(owner) if not name.startswith("_")):
         values = getattr(owner, name)
         if isinstance(values, float | np.ndarray) and np.asarray(values).dtype.kind == "f":
@@ -136,7 +136,7 @@ def _numbers(owner: Any) -> Iterator[tuple[str, Any]]:
 
 
 def drop_missing_files(spec: mujoco.MjSpec, path: Path) -> list[str]:
-    """Leave out what is only for the eye, and whatever needs a file that is not there; returns a note of the latter."""
+    """Delete textures and skins, and whatever needs a missing file; return a note of the latter."""
     for element in [*spec.skins, *spec.textures]:
         spec.delete(element)
     for material in spec.materials:
@@ -164,7 +164,7 @@ def drop_missing_files(spec: mujoco.MjSpec, path: Path) -> list[str]:
 
 
 def _all_there(spec: mujoco.MjSpec) -> bool:
-    """Whether MuJoCo finds all files: it alone knows where those of an attached model lie."""
+    """Check whether MuJoCo finds all files: it alone resolves the folders of attached models."""
     try:
         with quietly():
             spec.copy().compile()
@@ -174,7 +174,7 @@ def _all_there(spec: mujoco.MjSpec) -> bool:
 
 
 def _drop_pairs(spec: mujoco.MjSpec) -> None:
-    """Contact pairs of geoms that are gone: MuJoCo takes all else that refers to a geom along, but not these."""
+    """Delete contact pairs of deleted geoms: MuJoCo deletes all other references itself, but not these."""
     left = {geom.name for geom in spec.geoms}
     for pair in list(spec.pairs):
         if not {pair.geomname1, pair.geomname2} <= left:
@@ -187,10 +187,10 @@ def _asset_file(spec: mujoco.MjSpec, asset: Any, path: Path) -> Path:
 
 
 def check_joints(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
-    """See that the joints are there, are hinges, and hang on each other in this order.
+    """Check that the joints exist, are hinges, and hang on each other in this order.
 
     Raises:
-        UsageError: they are not, or do not.
+        UsageError: one of these does not hold.
     """
     known = {joint.name: joint for joint in spec.joints}
     for name in joints:
@@ -206,14 +206,14 @@ def check_joints(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
 
 
 def upwards(body: Any) -> Iterable[Any]:
-    """A body and all that carry it, the world last."""
+    """Return a body and all bodies that carry it, the world last."""
     while body is not None:
         yield body
         body = body.parent
 
 
 def drop_scene(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
-    """Keep the tree that the arm stands in; what does not move in it cannot be touched: the task has its own table."""
+    """Keep only the arm's tree; its fixed parts cannot be touched, since the task has its own table."""
     for element in [*spec.keys, *spec.sensors, *spec.cameras, *spec.lights, *spec.worldbody.geoms]:
         spec.delete(element)
     root = [*upwards(spec.joint(joints[0]).parent)][-2]
@@ -228,7 +228,7 @@ def drop_scene(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
 
 
 def lock_loose_joints(spec: mujoco.MjSpec, joints: Sequence[str]) -> list[str]:
-    """Weld the extra joints that nothing in the model holds, where they stand at their reference; returns a note."""
+    """Lock extra joints that nothing in the model holds at their reference; return a note."""
     named, bodies = _holds(spec)
     loose = []
     for joint in list(spec.joints):

@@ -1,4 +1,4 @@
-"""How an arm stands at given joint angles: whether it holds itself there, what overlaps, and how far its finger gets."""
+"""Examine an arm at given joint angles: whether its servos hold it, what overlaps, and how far its finger reaches."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from skillcli.trajectories import Array
 
 OVERLAP = 0.002  # m
 SAMPLED = 40  # random postures
-ALWAYS = 0.9  # share of them in which links overlap that are built into each other
-HELD_SECONDS = 3.0  # after which an arm has come to rest
-SAGS = 0.5, 0.005  # degrees and m from where it is told to be that are worth a note
-FARTHEST = 100.0  # rad: whole turns of a joint, beyond which the servos have torn it apart
+ALWAYS = 0.9  # share of them in which links must overlap to count as built into each other
+HELD_SECONDS = 3.0  # s after which an arm has come to rest
+SAGS = 0.5, 0.005  # degrees and m from the commanded pose that are worth a note
+FARTHEST = 100.0  # rad: whole turns of a joint, beyond which the simulation is unstable
 
 
 def gripper_and_axes(model: mujoco.MjModel, names: Names, angles: tuple[float, ...]) -> tuple[Array, Array]:
-    """Where the gripper is, (3,) m, and about what the joints turn, (n, 3), with the arm at joint angles (n,) rad."""
+    """Compute the gripper's position, (3,) m, and the joint axes, (n, 3), at joint angles (n,) rad."""
     data = posed(model, names, angles)
     axes = np.stack([data.xaxis[model.joint(name).id] for name in names.joints])
     return data.site(GRIPPER).xpos.copy(), axes
 
 
 def posed(model: mujoco.MjModel, names: Names, angles: tuple[float, ...]) -> mujoco.MjData:
-    """The arm at joint angles (n,) rad, at rest."""
+    """Put the arm at joint angles (n,) rad, at rest."""
     data = mujoco.MjData(model)
     for name, angle in zip(names.joints, angles, strict=True):
         data.joint(name).qpos[0] = angle
@@ -37,7 +37,7 @@ def posed(model: mujoco.MjModel, names: Names, angles: tuple[float, ...]) -> muj
 
 
 def workspace(model: mujoco.MjModel, names: Names) -> Workspace:
-    """Where the finger can be at all: within the sum of the distances between joints, from the height of the second one."""
+    """Bound where the finger can be: within the sum of the distances between joints, around the height of the second one."""
     data = posed(model, names, (0.0,) * len(names.joints))
     anchors = [data.xanchor[model.joint(name).id] for name in names.joints]
     first, axis = anchors[0], data.xaxis[model.joint(names.joints[0]).id]
@@ -49,7 +49,7 @@ def workspace(model: mujoco.MjModel, names: Names) -> Workspace:
 
 
 def shakes(model: mujoco.MjModel, names: Names, servos: list[Servo], angles: tuple[float, ...]) -> bool:
-    """Whether the servos' damping, taken explicitly, overshoots in a time step h: the largest rate of M^-1 K_v above 1/h."""
+    """Check whether explicit damping overshoots in a time step h: the largest eigenvalue of M^-1 K_v is above 1/h."""
     if model.opt.integrator not in (mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_RK4):
         return False
     inertia = _inertia(model, names, angles)
@@ -58,7 +58,7 @@ def shakes(model: mujoco.MjModel, names: Names, servos: list[Servo], angles: tup
 
 
 def _inertia(model: mujoco.MjModel, names: Names, angles: tuple[float, ...]) -> Array:
-    """Inertia matrix of the arm's joints, (n, n) kg·m²."""
+    """Compute the inertia matrix of the arm's joints, (n, n) kg·m²."""
     data = posed(model, names, angles)
     whole = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, whole)
@@ -78,8 +78,8 @@ def steady(
     """Give joints that are too light for their servos the inertia of a motor, and note it.
 
     At its largest torque a servo is switched rather than damped, whatever the integrator: a step h then changes the speed
-    by F h / I, which damping answers with up to F only. With an inertia I of k_v h it comes to rest, below it shakes. What a
-    servo feels is taken at joint angles (n,) rad, the other joints free.
+    by F h / I, and damping answers with F at most. With an inertia I of k_v h the joint comes to rest, below it shakes. The
+    inertia that a servo feels is computed at joint angles (n,) rad, with the other joints free.
     """
     felt = 1 / np.diag(np.linalg.inv(_inertia(model, names, angles)))
     missing = np.zeros(len(servos))
@@ -97,7 +97,7 @@ def steady(
 
 
 def overlaps(model: mujoco.MjModel, data: mujoco.MjData) -> set[tuple[int, int]]:
-    """Pairs of geoms that overlap where the joints of `data` stand."""
+    """Find pairs of geoms that overlap at the joint angles of `data`."""
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     mujoco.mj_collision(model, data)
@@ -105,7 +105,7 @@ def overlaps(model: mujoco.MjModel, data: mujoco.MjData) -> set[tuple[int, int]]
 
 
 def part_neighbours(scene: mujoco.MjSpec, model: mujoco.MjModel, names: Names, prefix: str) -> list[str]:
-    """Let links not touch each other that overlap wherever the arm stands, and note them: contact would lock their joints."""
+    """Exclude contact between links that overlap in nearly every posture, and note them: it would lock their joints."""
     rng, data = np.random.default_rng(0), mujoco.MjData(model)
     joints = [model.joint(name) for name in names.joints]
     ranges = np.array([joint.range if model.jnt_limited[joint.id] else (-np.pi, np.pi) for joint in joints])
@@ -126,7 +126,7 @@ def part_neighbours(scene: mujoco.MjSpec, model: mujoco.MjModel, names: Names, p
 
 
 def collisions(model: mujoco.MjModel, names: Names, angles: tuple[float, ...], prefix: str) -> list[str]:
-    """A note where parts overlap at joint angles (n,) rad: joints may be stuck there."""
+    """Note parts that overlap at joint angles (n,) rad: joints may be stuck there."""
     data = posed(model, names, angles)
     deep = [contact.geom for contact in data.contact if contact.dist < -OVERLAP]
     pairs = {tuple(model.body(model.geom_bodyid[geom]).name.removeprefix(prefix) for geom in pair) for pair in deep}
@@ -135,7 +135,7 @@ def collisions(model: mujoco.MjModel, names: Names, angles: tuple[float, ...], p
 
 
 def at_rest(model: mujoco.MjModel, names: Names, shown: tuple[str, ...], angles: tuple[float, ...]) -> list[str]:
-    """A note where the arm, told to stay at joint angles (n,) rad, hangs below them or is torn apart by its own servos."""
+    """Note if the arm, commanded to stay at joint angles (n,) rad, sags or is made unstable by its servos."""
     joints = [model.joint(name) for name in names.joints]
     addresses = [joint.qposadr[0] for joint in joints]
     low, high = np.array([joint.range if model.jnt_limited[joint.id] else (-np.inf, np.inf) for joint in joints]).T

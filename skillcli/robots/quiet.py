@@ -1,4 +1,4 @@
-"""MuJoCo's own log, switched off for the process: what matters reaches the user in one line of ours."""
+"""Switch MuJoCo's own log off for the process: errors that matter reach the user as one line of ours."""
 
 import mujoco
 

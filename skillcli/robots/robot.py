@@ -1,4 +1,4 @@
-"""A robot as a value: read from a robot file, bundled or of a user, and ready to stand in a scene."""
+"""Load a robot from its file, bundled or a user's, as a value that is ready for a scene."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from skillcli.robots.scene import Names, add_table, fingerprint, set_clock
 from skillcli.robots.servos import Servo
 from skillcli.trajectories import Array
 
-TRIED_TIMESTEP = 0.005  # s, of a model that is taken as it is, until a task sets its own
+TRIED_TIMESTEP = 0.005  # s, of a `verbatim` model until a task sets its own
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,13 +43,13 @@ class Robot:
         path: of the robot file.
         description: what it says.
         names: what the arm calls its parts.
-        home: joint vector at reset where no task says otherwise, (n,) rad.
-        speed_limit: largest speed of each joint, (n,) rad/s; infinite where its file does not say.
+        home: default joint vector at reset, (n,) rad.
+        speed_limit: largest speed of each joint, (n,) rad/s; infinite if its file leaves it out.
         workspace: where the finger can be.
-        notes: what was left out of the model, and other things worth knowing.
-        fingerprint: SHA-256 over what the robot file says and the model that came of it, whatever the folder.
-        summary: JSON-able, for the record.
-        scene: the arm behind our table; a task works on a copy.
+        notes: what was changed or left out in the model, one line each.
+        fingerprint: SHA-256 over the robot file and the imported model, without paths.
+        summary: JSON-able description, stored with results.
+        scene: arm and table; a task works on a copy.
         model: the scene, compiled.
     """
 
@@ -68,29 +68,29 @@ class Robot:
 
     @property
     def joint_count(self) -> int:
-        """How many joints the arm has, n."""
+        """Return the number of joints, n."""
         return len(self.names.joints)
 
     @property
     def as_source(self) -> match.Source:
-        """What another arm is compared with."""
+        """Return the parts that another arm is compared with."""
         return match.Source(self.name, self.model, self.names, self.home)
 
     def start(self, task: str) -> tuple[float, ...]:
-        """Joint vector at reset for a task, (n,) rad."""
+        """Return the joint vector at reset for a task, (n,) rad."""
         return self.description.starts.get(task, self.home)
 
     def arm_spec(self, start: tuple[float, ...], timestep: float, period: float, delay: bool = False) -> mujoco.MjSpec:
-        """The arm behind the table, ready for a task to add what it needs.
+        """Copy arm and table for a task to add its parts.
 
         Args:
             start: joint vector at reset, (n,) rad.
-            timestep: that the task asks for, s; a robot whose own is shorter keeps it.
+            timestep: of the task, s; a robot with a shorter one keeps its own.
             period: between two commands, s.
-            delay: whether actuators keep a history, so that a domain can delay them.
+            delay: whether actuators keep a history of commands, so that a domain can delay them.
 
         Raises:
-            UsageError: the start is out of range, or the time step does not fit the clock.
+            UsageError: the start is out of range, or the control period is not a multiple of the time step.
         """
         with blaming(self.path):
             spec = self.scene.copy()
@@ -102,20 +102,20 @@ class Robot:
         return spec
 
     def check_finger(self) -> None:
-        """Refuse a robot that has nothing to push with.
+        """Refuse a robot without a finger.
 
         Raises:
-            UsageError: its file says that nothing pushes.
+            UsageError: its file has an empty `finger`.
         """
         if not self.names.finger:
             with blaming(self.path):
                 raise UsageError("finger: [] leaves nothing to push with", "name its geoms, or leave `finger` out for ours")
 
     def check_start(self, start: tuple[float, ...]) -> None:
-        """Refuse a start (n,) rad that is not one of this arm.
+        """Refuse a start (n,) rad that does not fit this arm.
 
         Raises:
-            UsageError: another number of angles, or one out of the range of its joint or servo.
+            UsageError: the number of angles is wrong, or an angle is out of the range of its joint or servo.
         """
         shown = self.description.joints
         if len(start) != len(shown):
@@ -141,7 +141,7 @@ class Robot:
                 )
 
     def _timestep(self, period: float, own: float) -> float:
-        """The robot's own, or the longest that is not above it; the control period is a multiple of it."""
+        """Return the robot's own time step, s, or the longest one below it that divides the control period."""
         steps = period / own
         if abs(steps - round(steps)) < 1e-6 and round(steps) > 0:
             return own
@@ -154,10 +154,10 @@ class Robot:
 
 
 def load_robot(which: str | Path) -> Robot:
-    """A bundled robot by its name, or one of a robot file by its path.
+    """Load a bundled robot by name, or another one by the path of its file.
 
     Raises:
-        UsageError: there is none, or file or model cannot be read, or do not fit; says which key, and what to do.
+        UsageError: there is no such robot, or file or model are invalid or do not fit; names the key, and what to do.
     """
     path = find_robot_file(which)
     if path is None:
@@ -166,10 +166,10 @@ def load_robot(which: str | Path) -> Robot:
 
 
 def load_target(which: str | Path, source: Robot) -> Robot:
-    """A robot that is to play the skills of another one; see `load_robot`.
+    """Load a robot that is to play the skills of another one; see `load_robot`.
 
     Raises:
-        UsageError: as for `load_robot`; or it is another arm, or its joints are ordered or turned otherwise.
+        UsageError: as `load_robot`; also if it is another arm, or order or direction of its joints differ.
     """
     path = find_robot_file(which)
     if path is None and which == source.name:
@@ -185,22 +185,22 @@ def _bundled(name: str) -> Robot:
 
 
 def build_robot(path: Path, name: str, source: Robot | None = None) -> Robot:
-    """Read a robot file and the model that it names.
+    """Read a robot file and import its model.
 
     Args:
         path: of the file.
         name: of the robot.
-        source: the robot whose skills it is to play; it must be built alike, and takes over what its own file does not say.
+        source: the robot whose skills it is to play, of the same build; its start and speed limits stand in for missing ones.
 
     Raises:
-        UsageError: file or model cannot be read, or do not fit.
+        UsageError: file or model are invalid, or do not fit.
     """
     with blaming(path), quietly():
         return build_described(path, name, read_description(path), source)
 
 
 def build_described(path: Path, name: str, description: Description, source: Robot | None = None) -> Robot:
-    """What `build_robot` makes of a description that is, or could be, in the file at `path`."""
+    """Import the model of a description, which need not be in the file at `path` yet; see `build_robot`."""
     if description.verbatim:
         return _taken_as_it_is(path, name, description, source)
     return _imported(path, name, description, source)
@@ -291,15 +291,15 @@ def _integrator(model: mujoco.MjModel) -> str:
     return str(mujoco.mjtIntegrator(model.opt.integrator).name).removeprefix("mjINT_").lower()
 
 
-_LATER = ("description", "verbatim", "starts", "speed_limit", "workspace")  # keys that older files do not have
+_LATER = ("description", "verbatim", "starts", "speed_limit", "workspace")  # keys added later
 
 
 def _fingerprint(description: Description, scene: mujoco.MjSpec, model: mujoco.MjModel) -> str:
     later = {key for key in _LATER if key not in description.model_fields_set}  # older files keep their fingerprint
     said = description.model_dump(mode="json", exclude={"model", *later})
-    text = re.sub(r'(file|meshdir|texturedir)="[^"]*"', "", scene.to_xml())  # where the files lie does not matter
+    text = re.sub(r'(file|meshdir|texturedir)="[^"]*"', "", scene.to_xml())  # paths do not count
     digest = hashlib.sha256(json.dumps([said, text], sort_keys=True).encode())
-    digest.update(model.mesh_vert.tobytes())  # but what is in them does
+    digest.update(model.mesh_vert.tobytes())  # contents do
     return digest.hexdigest()
 
 

@@ -1,4 +1,4 @@
-"""The scene that every arm stands in: a table in front of it, and what an arm calls its parts."""
+"""Build the scene around every arm: a table, the clock, and the names of the arm's parts."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import mujoco
 
-GRIPPER = "gripper"  # the site at the finger's tip: tasks are judged there
+GRIPPER = "gripper"  # the site at the tip of the finger: the achieved goal of reach
 
 # The commanded target stops this far inside the joint range, rad: a servo with gains such as the Sawyer's overshoots less.
 LIMIT_MARGIN = 0.02
@@ -24,7 +24,7 @@ TABLE_HALF_SIZE = (0.42, 0.6, 0.02)
 
 
 class Names(NamedTuple):
-    """What an arm calls its parts in the scene."""
+    """Names of an arm's parts in the scene."""
 
     joints: tuple[str, ...]  # n, from the base to the hand
     servos: tuple[str, ...]  # the position actuator of each
@@ -32,7 +32,7 @@ class Names(NamedTuple):
 
 
 def set_clock(spec: mujoco.MjSpec, servos: Iterable[str], timestep: float, delay: bool) -> None:
-    """Set the time step, s, and let the servos remember their commands for the latency they have or a domain may give them."""
+    """Set the time step, s, and let servos store past commands, for their own delay and, with `delay`, that of a domain."""
     spec.option.timestep = timestep
     for name in servos:
         servo = spec.actuator(name)
@@ -41,7 +41,7 @@ def set_clock(spec: mujoco.MjSpec, servos: Iterable[str], timestep: float, delay
 
 
 def add_table(spec: mujoco.MjSpec) -> None:
-    """Put the table where all tasks have it."""
+    """Add the table, at the same place for all tasks."""
     table = spec.worldbody.add_body(name="table", pos=[*TABLE_CENTRE, TABLE_TOP - TABLE_HALF_SIZE[2]])
     table.add_geom(
         name="table",
@@ -54,5 +54,5 @@ def add_table(spec: mujoco.MjSpec) -> None:
 
 
 def fingerprint(spec: mujoco.MjSpec) -> str:
-    """SHA-256 of the model as MJCF text, without its comments."""
+    """Hash the model as MJCF text without comments, with SHA-256."""
     return hashlib.sha256(re.sub("<!--.*?-->", "", spec.to_xml(), flags=re.DOTALL).encode()).hexdigest()

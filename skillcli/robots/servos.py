@@ -1,4 +1,4 @@
-"""The position servos of a foreign arm, whatever drives it there: brought to one form, in rad and N·m at the joint."""
+"""Bring whatever drives a foreign arm to one form: position servos in rad and N·m at the joint."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from skillcli.errors import UsageError
 from skillcli.robots.config import Gains
 from skillcli.trajectories import Array
 
-# As integers, as compiled models have them.
+# Integers, as in compiled models.
 _FILTERS = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
 _STATELESS = int(mujoco.mjtDyn.mjDYN_NONE)
 _AT_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
@@ -25,7 +25,7 @@ LATEST = 1.0  # s
 
 @dataclass(frozen=True)
 class Servo:
-    """torque = kp (target - angle) - kv speed, within limits."""
+    """A position servo: torque = kp (target - angle) - kv speed, within limits."""
 
     joint: str
     kp: float  # N·m/rad
@@ -41,13 +41,13 @@ class Servo:
 def find_servos(
     model: mujoco.MjModel, joints: Sequence[str], named: Sequence[str] | None, gains: Gains | None
 ) -> tuple[list[Servo], list[int]]:
-    """The servo of each joint, and the model's actuators that they stand for.
+    """Find the servo of each joint, and the model's actuators that it replaces.
 
-    With gains, every actuator of a joint is replaced. Without, each joint must have just one position servo; what else acts
-    on it stays, at its default control.
+    With gains, every actuator of a joint is replaced. Without, each joint must have exactly one position servo; its other
+    actuators stay, at their default control.
 
     Raises:
-        UsageError: no servo and no gains, several servos, or a name that does not fit.
+        UsageError: a joint has no servo and no gains, or several servos, or an actuator's name does not fit.
     """
     servos, replaced = [], []
     for index, joint in enumerate(joints):
@@ -69,7 +69,7 @@ def find_servos(
 
 
 def add_servo(spec: mujoco.MjSpec, name: str, joint: str, servo: Servo) -> None:
-    """Give a joint its servo; its control is the target in rad."""
+    """Add the servo of a joint; its control is the target in rad."""
     actuator = spec.add_actuator(name=name, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
     actuator.set_to_position(kp=servo.kp, kv=servo.kv)
     if servo.filter is not None:
@@ -80,7 +80,7 @@ def add_servo(spec: mujoco.MjSpec, name: str, joint: str, servo: Servo) -> None:
 
 
 def lay_on_joint(joint: Any, servo: Servo) -> None:
-    """What the transmission of a servo adds becomes the joint's own, where domains find it."""
+    """Add armature and damping of the transmission to the joint, where domains scale them."""
     joint.armature += servo.armature
     joint.damping[0] += servo.damping
 
@@ -111,7 +111,7 @@ def _named(model: mujoco.MjModel, name: str, joint: str, acting: list[int]) -> i
 
 
 def _is_position(model: mujoco.MjModel, i: int) -> bool:
-    """Whether its force is affine in control and angle, and pulls towards an angle that the control says."""
+    """Check whether actuator i is a position servo: its force is affine, and pulls towards an angle that the control sets."""
     return bool(
         model.actuator_gaintype[i] == _FIXED_GAIN
         and model.actuator_biastype[i] == _AFFINE_BIAS
@@ -140,7 +140,7 @@ def _gear(model: mujoco.MjModel, i: int) -> float:
 
 
 def _normalised(model: mujoco.MjModel, joint: str, i: int) -> Servo:
-    """force = g (k u + b0 + b1 g q + b2 g v), written as kp (target - q) - kv v."""
+    """Rewrite force = g (k u + b0 + b1 g q + b2 g v) as kp (target - q) - kv v."""
     gear, gain = _gear(model, i), float(model.actuator_gainprm[i, 0])
     offset, slope, rate = (float(x) for x in model.actuator_biasprm[i, :3])
     address = model.actuator_ctrladr[i]
@@ -171,7 +171,7 @@ def _delay_of(model: mujoco.MjModel, joint: str, i: int) -> float:
 
 
 def _reflected(model: mujoco.MjModel, chosen: list[int]) -> dict[str, Any]:
-    """What a transmission adds to its joint."""
+    """Sum what transmissions add to their joint: damping and armature."""
     return {
         "damping": sum(float(model.actuator_damping[i]) * _gear(model, i) ** 2 for i in chosen),
         "armature": sum(float(model.actuator_armature[i]) * _gear(model, i) ** 2 for i in chosen),
@@ -179,7 +179,7 @@ def _reflected(model: mujoco.MjModel, chosen: list[int]) -> dict[str, Any]:
 
 
 def torque_of(model: mujoco.MjModel, joints: Sequence[str]) -> Array:
-    """The largest torque that each joint can be driven with, (n,) N·m; infinite where the model does not say."""
+    """Return the largest torque of each joint's drive, (n,) N·m; infinite if the model gives none."""
     found = []
     for joint in joints:
         at = model.joint(joint).id
@@ -191,7 +191,7 @@ def torque_of(model: mujoco.MjModel, joints: Sequence[str]) -> Array:
 
 
 def _force_of(model: mujoco.MjModel, chosen: list[int]) -> tuple[float, float]:
-    """Torques that a joint's actuators can give, N·m: of the one with the widest limits."""
+    """Return the torque limits of a joint's actuators, N·m: the widest of them."""
     limits = []
     for i in chosen:
         low, high = FREE

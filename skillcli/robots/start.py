@@ -1,4 +1,4 @@
-"""A start for an arm: gripper down over a place, from which other places are within reach without a collision."""
+"""Find a start for an arm: gripper down over a place, with other places within reach without a collision."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from skillcli.trajectories import Array
 
 FARTHEST_TRAVEL = 1.5  # rad, of a joint from the start to a place: about half of what an episode allows
 POINTS_DOWN = 0.95  # cosine of the angle between the gripper and straight down, of a gripper that points down
-TURNED = 0.1  # m of height that a joint turned by one rad from home, in the mean, is worth
+TURNED = 0.1  # m of height that outweigh one rad of mean rotation from home
 _DIGITS = 4  # of the angles of a start, rad
 
 
@@ -23,15 +23,15 @@ def find_start(
     down: float | None = None,
     near: Sequence[float] | None = None,
 ) -> tuple[float, ...] | None:
-    """A start from which all places are within reach without a collision, None where there is none.
+    """Find a start from which all places are within reach without a collision; None if there is none.
 
     Args:
         kinematics: of the arm.
-        middle: where the gripper should stand at the start, pointing down as far as the arm can, (3,) m.
-        places: that have to be within reach, (P, 3) m.
-        given: a start to keep to, (n,) rad.
-        near: a start for a place nearby, (n,) rad: one like it is taken, or none.
-        down: least cosine between the gripper and straight down at all places; None where any direction will do.
+        middle: of the gripper at the start, pointing down as far as the arm can, (3,) m.
+        places: to be within reach, (P, 3) m.
+        given: a start that is only checked, (n,) rad.
+        near: a start for a place nearby, (n,) rad; only one like it is accepted.
+        down: least cosine between the gripper and straight down at all places; None if any direction will do.
     """
     if given is not None:
         return _judged(kinematics, np.array(given, dtype=float), places, down)
@@ -42,7 +42,7 @@ def find_start(
     postures = list(kinematics.postures(middle, home, down=True))
     best = max((posture.down for posture in postures), default=0.0)
     good = [posture for posture in postures if posture.down >= min(best - 0.02, POINTS_DOWN)]
-    # Elbow up, so that links stay off the table; and not turned farther than need be.
+    # Elbow up, so that links stay off the table, and joints turned no farther than needed.
     good.sort(key=lambda posture: TURNED * float(np.abs(posture.angles - home).mean()) - kinematics.height(posture.angles))
     judged = (_judged(kinematics, np.round(posture.angles, _DIGITS), places, down) for posture in good)
     return next((start for start in judged if start is not None), None)
