@@ -77,6 +77,7 @@ class ArmBatch:
         self._high = np.minimum(limits[:, 1] - LIMIT_MARGIN, told[:, 1])
         self._qpos, self._ctrl = self.batch.bind("qpos"), self.batch.bind("ctrl")[:, first : first + len(servos)]
         self._site = self.batch.bind("site_xpos")[:, model.site(GRIPPER).id]
+        self._site_axes = self.batch.bind("site_xmat")[:, model.site(GRIPPER).id]
         self._has_object = any(model.joint(j).name == OBJECT for j in range(model.njnt))
         if self._has_object:
             joint = model.joint(OBJECT)
@@ -125,6 +126,12 @@ class ArmBatch:
         """Return the gripper site in the base frame, (N, 3) m; a live view."""
         site: Array = self._site
         return site
+
+    @property
+    def gripper_direction(self) -> Array:
+        """Return the direction in which the gripper points, unit vectors (N, 3) in the base frame."""
+        direction: Array = self._site_axes.reshape(-1, 3, 3)[:, :, 2]
+        return direction
 
     @property
     def object_pose(self) -> Array:

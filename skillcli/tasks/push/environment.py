@@ -31,6 +31,7 @@ FIRM, CRUSHING = (
     10.0,
 )  # weights of the box: downward force at which pressing begins to cost, and costs most
 LEANING = math.cos(0.2)  # cosine of the largest tilt of a box on a table: no domain tilts a table further
+FREE_LEAN = math.cos(math.radians(30))  # of the finger, which costs nothing
 LIFTED = 0.05  # m above its rest: a lifted box
 THROWN = 2.0  # m/s: four times the speed in the fastest push
 # Reward of losing the box. It must be below the return of doing nothing, else failing early pays: of standing still with the
@@ -180,6 +181,9 @@ class PushEnvironment(ArmEnvironment):
           lower than 4 cm. Without it fingers lean on the table with up to 200 N.
         - pressed: minus up to 0.3 for pressing down on table or box, from a force of 2 weights of the box to one of 10: a
           box that is pressed from above sinks into the table. Sideways forces are free, because they push the box.
+        - leaning: minus `task.upright` times how far the cosine of the finger's lean is below that of 30 degrees, only where
+          that weight is not zero. Arms with free wrists otherwise learn to push with a hand turned sideways, which leaves one
+          side of the box out of their reach.
 
         The step that loses the box earns `LOST` instead.
         """
@@ -192,14 +196,16 @@ class PushEnvironment(ArmEnvironment):
         low = np.maximum(0.0, np.minimum(CLEARANCE, self._half_edges[:, 2] / 2) - height)
         weights = -self.arms.contact_force[:, 2] / self._weight
         pressed = np.clip((weights - FIRM) / (CRUSHING - FIRM), 0.0, 1.0)
+        costs = {
+            "struck": 5.0 * struck,
+            "tipping": 0.01 * self._tipping() ** 2,
+            "low": 10.0 * low,
+            "pressed": 0.3 * pressed,
+        }
+        if self._task.upright:
+            costs["leaning"] = self._task.upright * np.maximum(0.0, FREE_LEAN + self.arms.gripper_direction[:, 2])
         return RewardTerms(
-            earned={"goal": -2.0 * distance, "approach": -0.5 * finger * share(distance), "near": 0.3 * inside},
-            costs={
-                "struck": 5.0 * struck,
-                "tipping": 0.01 * self._tipping() ** 2,
-                "low": 10.0 * low,
-                "pressed": 0.3 * pressed,
-            },
+            earned={"goal": -2.0 * distance, "approach": -0.5 * finger * share(distance), "near": 0.3 * inside}, costs=costs
         )
 
     def _climb(self) -> Array:

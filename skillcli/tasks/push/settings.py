@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from pydantic import model_validator
 
-from skillcli.config.base import Vector3, value
+from skillcli.config.base import Vector3, optional_value, value
 from skillcli.simulation.settings import MAX_SKILLS, ArmTask
 
 
@@ -33,6 +33,14 @@ class PushTask(ArmTask):
     friction: float = value(0.6, "sliding friction between box and table, and box and finger", "", gt=0, le=3)
     observe_place: bool = value(
         False, "the policy also sees where on the table the box is, as joints and relative position together tell"
+    )
+
+    upright: float = optional_value(
+        0.0,
+        "weight in the reward of a finger that leans by more than 30 degrees from straight down",
+        "",
+        ge=0,
+        le=10,
     )
 
     @model_validator(mode="before")
