@@ -514,3 +514,13 @@ def test_the_terms_of_the_reward_add_up_to_it_and_costs_are_below_zero() -> None
     fine = ~step.terminated
     np.testing.assert_allclose(sum(step.reward_terms.values())[fine], step.reward[fine], atol=1e-12)
     assert all((step.reward_terms[name] <= 0).all() for name in ("goal", "struck", "tipping", "low", "pressed"))
+
+
+def test_a_finger_that_leans_costs_only_where_that_is_asked_for() -> None:
+    leaning = (*ABOVE[:5], ABOVE[5] - 1.0, ABOVE[6])  # turned by 1 rad at the wrist
+    for angle, start in ((0.0, ABOVE), (1.0, leaning)):
+        env = push_env(PushTask(start=start, upright=0.5, box_start=(0.8, 0.3)), 1)
+        env.reset(np.arange(1), np.zeros(1, dtype=int))
+        expected = -0.5 * max(0.0, np.cos(np.radians(30)) - np.cos(angle))
+        assert env.step(np.zeros((1, 7))).reward_terms["leaning"][0] == pytest.approx(expected, abs=0.02)
+    assert "leaning" not in push_env(TASK, 1).reward_names
