@@ -49,8 +49,8 @@ def check_build(model: mujoco.MjModel, joints: tuple[str, ...], source: Source) 
             f"an arm with another number of joints is another arm: {OTHER_ARM}",
         )
     here, there = _measures(model, joints), _measures(source.model, source.names.joints)
-    other = f"this looks like another arm than the {source.name.capitalize()}"
-    hint = f"{OTHER_ARM}; if it is a {source.name.capitalize()}, check that `joints` names its {_counted(expected_count)}"
+    other = f"this looks like another arm than the {source.name!r} of the skills"
+    hint = f"{OTHER_ARM}; if it is the same, check that `joints` names its {_counted(expected_count)}"
     for pair, (angle, expected) in enumerate(zip(here[0], there[0], strict=True)):
         if abs(angle - expected) > WIDEST:
             a, b = joints[pair : pair + 2]

@@ -33,6 +33,9 @@ def find_start(
         near: a start for a place nearby, (n,) rad; only one like it is accepted.
         down: least cosine between the gripper and straight down at all places; None if any direction will do.
     """
+    room = kinematics.robot.workspace
+    if np.linalg.norm(places - room.shoulder, axis=1).max() > room.reach:
+        return None  # no need to search
     if given is not None:
         return _judged(kinematics, np.array(given, dtype=float), places, down)
     if near is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from command import TINY_SET, skill
 
 TORQUE = Path(__file__).parent.parent / "robots" / "torque.toml"
@@ -37,6 +38,7 @@ def test_what_is_no_robot_is_refused(tmp_path: Path) -> None:
     assert skill("robots", "show", "ur5e", "--png", str(tmp_path / "arm.txt")).code == 2
 
 
+@pytest.mark.slow
 def test_a_recipe_trains_on_another_arm(tmp_path: Path) -> None:
     trained = skill("--store", str(tmp_path), "--json", "pretrain", "smoke", "--robot", "ur5e", *TINY_SET)
     robot = trained.json["robot"]

@@ -505,7 +505,7 @@ PARALLEL = chain_of((0, 0, 90), (0, 0.42, 0), (0, 0.39, 0), (0, 0, 90), (0.1, 0,
 @pytest.mark.parametrize("arm", [PANDA, IIWA, PARALLEL])
 @pytest.mark.parametrize("text", [TORQUE, WITHOUT_GAINS])
 def test_another_arm_is_called_one_before_anything_else_is_asked_for(arm: str, text: str, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"this looks like another arm than the Sawyer: .* where") as caught:
+    with pytest.raises(UsageError, match=r"this looks like another arm than the 'sawyer' of the skills: .* where") as caught:
         target_robot(described(tmp_path, text, arm))
     assert "skills are joint motions of one arm and do not carry over" in caught.value.hint and "train" in caught.value.hint
 
