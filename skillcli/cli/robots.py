@@ -136,9 +136,8 @@ def _servos(robot: Robot) -> list[dict[str, float | None]]:
     for name in robot.names.servos:
         i = robot.model.actuator(name).id
         force = float(robot.model.actuator_forcerange[i, 1]) if robot.model.actuator_forcelimited[i] else None
-        rows.append({
-            "kp": float(robot.model.actuator_gainprm[i, 0]), "kv": 0.0 - float(robot.model.actuator_biasprm[i, 2]), "force": force,
-        })  # fmt: skip
+        kp, kv = float(robot.model.actuator_gainprm[i, 0]), abs(float(robot.model.actuator_biasprm[i, 2]))
+        rows.append({"kp": kp, "kv": kv, "force": force})
     return rows
 
 

@@ -84,7 +84,7 @@ def test_a_plan_on_the_target_is_executed_there(chain: Path, tmp_path: Path) -> 
         (("--on", "real-like", "--ensemble", "3"), "leave one of them out"),
         (("--on", "nowhere"), "no domain 'nowhere'"),
         (("--set", "compose.robots=nowhere", "--ensemble", "3"), "no domain 'nowhere'"),
-        (("--method", "sequence", "--plan", "3", "--ensemble", "3"), "--ensemble belongs to --method search or mpc"),
+        (("--method", "sequence", "--plan", "3", "--ensemble", "3"), "--ensemble belongs to --method search or map or mpc"),
     ],
 )
 def test_what_cannot_be_planned_on_is_refused(chain: Path, words: tuple[str, ...], said: str) -> None:
