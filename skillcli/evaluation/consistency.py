@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from skillcli.kinds import AnyKind, kind_spec
 from skillcli.kinds.spec import Arrays, Results
 from skillcli.learning.shapes import weight_shapes
 from skillcli.recipe import Recipe, resolve
-from skillcli.robots.config import bundled_robots, describe_robot
+from skillcli.robots.config import bundled_robots, describe_robot, is_path
 from skillcli.store import Artifact
 from skillcli.store.migrate import brought_up
 from skillcli.store.schema import check_parents
@@ -49,10 +50,15 @@ def stored_recipe(artifact: Artifact, overrides: Iterable[str] = ()) -> Recipe:
     """Read the recipe of an artifact, with `a.b=value` overrides.
 
     Raises:
-        StoreError: the stored recipe is invalid.
+        StoreError: the stored recipe is invalid, or the robot file that it names is not there.
         UsageError: an override is invalid.
     """
     whole = _understood(artifact, artifact.recipe.keys())
+    if is_path(whole.robot) and not Path(whole.robot).expanduser().exists():
+        raise StoreError(
+            f"{artifact.id} needs the robot file {whole.robot}, which is not there",
+            "put it back; a path that does not begin with / starts in the folder where skill runs",
+        )
     return resolve(artifact.recipe, overrides) if overrides else whole
 
 

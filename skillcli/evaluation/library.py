@@ -15,7 +15,9 @@ from skillcli.evaluation.consistency import TRAINED, check_meaning, check_same_s
 from skillcli.kinds import PRETRAIN
 from skillcli.learning.agent import Agent
 from skillcli.recipe import Recipe
+from skillcli.robots.config import is_path
 from skillcli.store import Artifact, ArtifactId, Store
+from skillcli.store.provenance import package_versions
 from skillcli.tasks.world import World
 from skillcli.trajectories import Array
 
@@ -59,7 +61,8 @@ def open_library(store: Store, artifact: Artifact) -> Library:
     """Open the library that an artifact holds or was made from.
 
     Raises:
-        StoreError: it has no pretrain ancestor, or one of the two disagrees with its recipe.
+        StoreError: it has no pretrain ancestor, one of the two disagrees with its recipe, or the robot file is missing or
+            another one.
     """
     source = artifact if PRETRAIN.is_kind_of(artifact) else store.read(ancestor(store, artifact.id, PRETRAIN.name))
     for one in {source.id: source, artifact.id: artifact}.values():
@@ -67,12 +70,29 @@ def open_library(store: Store, artifact: Artifact) -> Library:
     check_same_skills(artifact, source)
     recipe, weights = stored_recipe(source), source.group("weights")
     world = World.of(recipe)
+    _check_robot(source, recipe.robot, world)
     observation, action, _ = world.sizes
     privileged = weights["privileged_normalizer.mean"].shape[0] if "privileged_normalizer.mean" in weights else 0
     agent = Agent(recipe, observation, action, source.arrays["skills/goal"], privileged=privileged)
     agent.load(weights)
     arrays = source.arrays
     return Library(source, recipe, world, agent, arrays["embedding/mean"], arrays["embedding/std"], arrays["skills/goal"])
+
+
+def _check_robot(source: Artifact, robot: str, world: World) -> None:
+    """Refuse the robot of a file that was changed since the training of `source`.
+
+    Older trainings do not say which robot they had. Bundled robots change only with skill. Another version of MuJoCo writes
+    another text of the same model, so fingerprints of two versions cannot be compared.
+    """
+    trained = PRETRAIN.results_of(source).robot
+    if trained is None or not is_path(robot) or source.packages.get("mujoco") != package_versions()["mujoco"]:
+        return
+    if trained.fingerprint != world.robot.fingerprint:
+        raise StoreError(
+            f"{source.id} was trained on another robot than {robot} describes now: the file or its model was changed",
+            "put both back as they were, and give the changed robot to transfer-eval by --robot; or train anew",
+        )
 
 
 def kin(store: Store, artifact_id: ArtifactId, library: Library) -> Artifact:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command import made
+from command import made, skill
 
 from skillcli.errors import UsageError
 from skillcli.recipe import resolve
@@ -82,6 +82,24 @@ def test_skills_of_six_joints_are_trained_composed_transferred_and_drawn(six: Pa
     kept = Store(store).read(Store(store).resolve("six/transfer-eval"))
     assert kept.arrays["trajectories/joint_position"].shape[-1] == kept.arrays["trajectories/action"].shape[-1] == 6
     assert kept.arrays["domains/mild/gain"].shape == (2, 6) and kept.recipe["robot"].endswith("six.toml")
+    refused_without_its_robot(six, store)
+
+
+def refused_without_its_robot(six: Path, store: Path) -> None:
+    """Whatever needs the robot that skills were trained on says in one line that its file is gone, or is another one."""
+    later = (["embed-means", "six/pretrain"], ["compose", "six/embed-means", "--goal", "0.6,0.1,0.2"], ["viz", "six/compose"])
+    later += (["transfer-eval", "six/compose", "--domain", "nominal", "--robot", str(six.with_name("mine.toml"))],)
+    text = six.read_text(encoding="utf-8")
+    six.rename(six.with_name("mine.toml"))
+    for arguments in later:
+        result = skill("--store", store, *arguments)
+        assert result.code == 1 and "needs the robot file" in result.err and str(six) in result.err, result.err
+    six.write_text(text.replace("kp = [900,", "kp = [800,"), encoding="utf-8")
+    for arguments in later:
+        result = skill("--store", store, *arguments)
+        assert result.code == 1 and "six/pretrain-v1 was trained on another robot than" in result.err, result.err
+    six.write_text(f"# the same\n{text}".replace("kp = [900, 900", "kp = [900.0, 900"), encoding="utf-8")  # says the same
+    made("--store", store, *later[-1], "--episodes", "2")
 
 
 def test_values_for_other_joints_than_there_are_are_refused(six: Path, tmp_path: Path) -> None:
