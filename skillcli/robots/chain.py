@@ -13,6 +13,7 @@ from skillcli.robots.config import FEWEST, MOST
 from skillcli.robots.mjcf import upwards
 
 OF_A_HAND = re.compile(r"grip|finger|thumb|jaw|claw|knuckle|palm|tooth|driver|spring_link|follower|coupler", re.IGNORECASE)
+OF_A_WRIST = re.compile(r"wrist|roll|rotat", re.IGNORECASE)
 _HINGE = mujoco.mjtJoint.mjJNT_HINGE
 
 
@@ -40,9 +41,9 @@ def find_chain(spec: mujoco.MjSpec) -> Chain:
     arms = sorted({_without_trunk(way, leaves) for way in leaves}, key=lambda arm: (-len(arm), _order(spec, arm)))
     fitting = [arm for arm in arms if FEWEST <= len(arm) <= MOST]
     if not fitting:
-        found = ", ".join(f"{len(arm)} ({_shown(arm)})" for arm in arms[:4]) or "none"
+        chains = ", ".join(f"{len(arm)} ({_shown(arm)})" for arm in arms[:4])
         raise UsageError(
-            f"model: expected one arm of {FEWEST} to {MOST} hinges, found chains of {found}",
+            f"model: expected one arm of {FEWEST} to {MOST} hinges, found {f'chains of {chains}' if chains else 'no hinge'}",
             "cut the model down to one arm, or write the robot file by hand (docs/robots.md)",
         )
     names = tuple(joint.name for joint in _joints(spec, fitting[0]))
@@ -57,10 +58,25 @@ def _way(body: Any) -> tuple[str, ...]:
     found = []
     for part in reversed(list(upwards(body))[:-1]):
         hinges = [joint for joint in part.joints if joint.type == _HINGE]
-        if any(OF_A_HAND.search(joint.name) or OF_A_HAND.search(part.name) for joint in hinges):
+        if len(hinges) < len(part.joints):
+            continue  # it also slides: a mobile base
+        if any(_of_a_hand(joint, part) for joint in hinges):
             break
         found += [part.name] * len(hinges)
     return tuple(found)
+
+
+def _of_a_hand(joint: Any, body: Any) -> bool:
+    """Whether a hinge moves a finger: the wrist of many arms turns a body that is called gripper."""
+    moving = [part for part in body.find_all("body") if part.joints]
+    fingers = [part for part in moving if not any(above.name in {each.name for each in moving} for above in _above(part))]
+    if len(fingers) > 1:
+        return False  # what carries several fingers is the wrist
+    return bool(OF_A_HAND.search(joint.name) or (OF_A_HAND.search(body.name) and not OF_A_WRIST.search(joint.name)))
+
+
+def _above(body: Any) -> list[Any]:
+    return list(upwards(body))[1:]
 
 
 def _without_trunk(way: tuple[str, ...], ways: list[tuple[str, ...]]) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import mujoco
@@ -14,6 +15,7 @@ from skillcli.trajectories import Array
 
 # Names that modellers give the place where a tool is mounted, the plainest first.
 _WORDS = ("attachment", "flange", "tool", "tcp", "mount", "hand", r"\bee|_ee|eef", "grip")
+ACROSS = 1.5  # times as far as along the axis of the last joint, a hand must reach aside to point there
 MOUNTS = tuple(re.compile(word, re.IGNORECASE) for word in _WORDS)
 
 
@@ -37,7 +39,7 @@ class Hand:
 
 
 def find_hand(spec: mujoco.MjSpec, model: mujoco.MjModel, joints: tuple[str, ...]) -> Hand:
-    """Propose the frame of the gripper, in the model's zero position: out of the hand along the axis of the last joint."""
+    """Propose the frame of the gripper, in the model's zero position."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
@@ -46,14 +48,15 @@ def find_hand(spec: mujoco.MjSpec, model: mujoco.MjModel, joints: tuple[str, ...
     fixed = [body for body in below if all(part.name == last.name or not part.joints for part in _between(body, last))]
     anchor, axis = data.xanchor[model.joint(joints[-1]).id], data.xaxis[model.joint(joints[-1]).id]
     points = np.concatenate([_points(model, data, body.name) for body in below])
-    out = axis * _sign((points - anchor) @ axis, float((anchor - data.xanchor[model.joint(joints[-2]).id]) @ axis))
+    before = data.xanchor[model.joint(joints[-2]).id]
+    out, way = _out_of(points, anchor, before, axis)
     fingers = _fingers(model, [body for body in below if body not in fixed])
     if fingers:
         tips = np.concatenate([_points(model, data, name) for name in fingers])
         reach = (tips - anchor) @ out
         place = tips[reach > reach.max() - 0.01].mean(axis=0)
         place += (reach.max() - (place - anchor) @ out) * out
-        return _placed(model, data, last.name, place, out, fingers, "between the tips of the model's own fingers")
+        return _placed(model, data, last.name, place, out, fingers, f"between the tips of the model's own fingers, {way}")
     for pattern in MOUNTS:
         for element, name, place in _named(spec, data, model, fixed):
             if pattern.search(name):
@@ -61,9 +64,10 @@ def find_hand(spec: mujoco.MjSpec, model: mujoco.MjModel, joints: tuple[str, ...
                     float((place - anchor) @ out), float(((points - anchor) @ out).max()) if element == "body" else -np.inf
                 )
                 place = place + (along - (place - anchor) @ out) * out
-                return _placed(model, data, last.name, place, out, None, f"at the {element} {name!r}, our finger mounted there")
+                because = f"at the {element} {name!r}, our finger mounted there, {way}"
+                return _placed(model, data, last.name, place, out, None, because)
     end = anchor + ((points - anchor) @ out).max() * out
-    return _placed(model, data, last.name, end, out, None, "where the last link ends, our finger mounted there")
+    return _placed(model, data, last.name, end, out, None, f"where the last link ends, our finger mounted there, {way}")
 
 
 def _between(body: Any, top: Any) -> list[Any]:
@@ -95,20 +99,42 @@ def _touches(model: mujoco.MjModel, body: int) -> bool:
 
 
 def _points(model: mujoco.MjModel, data: mujoco.MjData, body: str) -> Array:
-    """The body's origin and the corners of the boxes around its geoms, (P, 3) m."""
+    """The body's origin, its centre of mass, and the outline of its geoms, (P, 3) m."""
     i = model.body(body).id
-    found = [data.xpos[i][None]]
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-    for geom in np.flatnonzero(model.geom_bodyid == i):
-        box = model.geom_aabb[geom]  # centre and half sizes, in the frame of the geom
-        found.append((box[:3] + corners * box[3:]) @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom])
-    return np.concatenate(found)
+    geoms = [outline(model, data, geom) for geom in range(model.ngeom) if model.geom_bodyid[geom] == i]
+    return np.concatenate([data.xpos[i][None], data.xipos[i][None], *geoms])
 
 
-def _sign(along: Array, from_the_one_before: float) -> float:
-    """Which way along the last axis leads out of the hand: where most of it lies, else away from the joint before."""
-    further = along.max() + along.min()
-    return float(np.sign(further if abs(further) > 1e-3 else from_the_one_before)) or 1.0
+def outline(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Array:
+    """The vertices of a mesh, of another shape the corners of the box around it, (P, 3) m."""
+    mesh = model.geom_dataid[geom]
+    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+        first = model.mesh_vertadr[mesh]
+        local = model.mesh_vert[first : first + model.mesh_vertnum[mesh]]
+    else:
+        centre, half = np.split(model.geom_aabb[geom], 2)  # in the frame of the geom
+        local = centre + half * np.array(list(product((-1, 1), repeat=3)))
+    world: Array = local @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
+    return world
+
+
+def _out_of(points: Array, anchor: Array, before: Array, axis: Array) -> tuple[Array, str]:
+    """Which way leads out of the hand, (3,), and in words how it lies.
+
+    Args:
+        points: of the hand, (P, 3) m.
+        anchor: of the last joint, (3,) m.
+        before: anchor of the joint before it, (3,) m.
+        axis: of the last joint, (3,).
+    """
+    along = (points - before) @ axis
+    out = axis if along.max() + along.min() >= 0 else -axis
+    aside = (points.max(axis=0) + points.min(axis=0)) / 2 - anchor
+    aside -= (aside @ axis) * axis
+    sideways = aside / max(float(np.linalg.norm(aside)), 1e-9)
+    if ((points - anchor) @ sideways).max() > ACROSS * ((points - before) @ out).max():
+        return sideways, "pointing where the hand lies from the last joint, across its axis"
+    return out, "pointing along the axis of the last joint"
 
 
 def _placed(

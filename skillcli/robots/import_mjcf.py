@@ -13,6 +13,7 @@ from skillcli.errors import UsageError
 from skillcli.robots.config import Description, Gripper
 from skillcli.robots.match import Source, check_build
 from skillcli.robots.mjcf import (
+    balance_inertia,
     check_joints,
     check_numbers,
     compile_model,
@@ -46,6 +47,7 @@ def build(path: Path, description: Description, source: Source | None) -> tuple[
     """
     child = read_mjcf(path)
     missing = drop_missing_files(child, path)
+    balanced = balance_inertia(child)
     check_joints(child, description.joints)
     drop_scene(child, description.joints)
     locked = lock_loose_joints(child, description.joints)
@@ -54,7 +56,9 @@ def build(path: Path, description: Description, source: Source | None) -> tuple[
     if source is not None:
         check_build(model, description.joints, source)
     if missing and not (model.geom_contype | model.geom_conaffinity).any():
-        raise UsageError("model: nothing is left of the arm that can touch anything", f"{missing[0]}; put the files there")
+        raise UsageError(
+            "model: nothing is left of the arm that can touch anything", f"{missing[0]}; put the files where the model says"
+        )
     servos, replaced = find_servos(model, description.joints, description.actuators, description.gains)
     holder, pos, quat = _gripper_frame(child, model, description)
     geoms = None if description.finger is None else _finger_geoms(child, description)
@@ -67,7 +71,7 @@ def build(path: Path, description: Description, source: Source | None) -> tuple[
     finger = OUR_FINGER if geoms is None else tuple(PREFIX + name for name in geoms)
     names = Names(tuple(PREFIX + name for name in description.joints), _servo_names(servos), finger)
     weighed = ["settotalmass is not applied: the masses are those of the links"] if child.compiler.settotalmass > 0 else []
-    return scene, names, servos, missing + locked + weighed + weightless
+    return scene, names, servos, missing + balanced + locked + weighed + weightless
 
 
 def _gripper_frame(

@@ -17,6 +17,8 @@ import skillcli.robots.quiet  # noqa: F401
 from skillcli.errors import UsageError
 from skillcli.robots.effort import check_effort
 
+_AT_JOINT = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+_PACKAGE = "package://"  # begins the names of files in URDF
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
 
 
@@ -67,13 +69,27 @@ def read_mjcf(path: Path) -> mujoco.MjSpec:
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
-        raise UsageError(
-            f"model: {path.name} cannot be read as MJCF: {_line(error)}", "MuJoCo's own XML is asked for"
-        ) from error
+        expand = "expand it first: xacro FILE > arm.urdf"
+        told = expand if path.suffix == ".xacro" else "MuJoCo's own XML, or a URDF, is asked for"
+        raise UsageError(f"model: {path.name} cannot be read as MJCF or URDF: {_line(error)}", told) from error
     for index, body in enumerate(spec.bodies[1:]):
         body.name = body.name or f"unnamed-{index}"  # bodies are told apart by name
+    for mesh in spec.meshes:
+        mesh.file = _found_in_package(mesh.file, path)
     spec.compiler.fusestatic = spec.compiler.discardvisual = False  # either could take the gripper's body or our geoms away
     return spec
+
+
+def _found_in_package(file: str, path: Path) -> str:
+    """A mesh `package://NAME/REST` of a URDF as a path from the URDF, where a folder above it is that package, or holds it."""
+    if not file.startswith(_PACKAGE):
+        return file
+    name, _, rest = file.removeprefix(_PACKAGE).partition("/")
+    for folder in path.absolute().parents:
+        for place in (folder / rest, folder / name / rest):
+            if place.is_file():
+                return os.path.relpath(place, path.absolute().parent)
+    return file
 
 
 @contextmanager
@@ -145,7 +161,7 @@ def drop_missing_files(spec: mujoco.MjSpec, path: Path) -> list[str]:
         (kind, asset)
         for kind, assets in (("mesh", spec.meshes), ("hfield", spec.hfields))
         for asset in assets
-        if asset.file and not _asset_file(spec, asset, path).is_file()
+        if asset.file and not (_asset_file(spec, asset, path).is_file() and _readable(asset.file))
     ]
     if not missing or _all_there(spec):
         return []
@@ -160,7 +176,30 @@ def drop_missing_files(spec: mujoco.MjSpec, path: Path) -> list[str]:
     _drop_pairs(spec)
     if not gone["mesh"]:
         return []
-    return [f"{len(gone['mesh'])} mesh files are missing: {len(dropped)} geoms left out, {touching} of them could touch"]
+    why = "missing" if all(_readable(asset.file) for _, asset in missing) else "missing, or DAE, which MuJoCo does not read"
+    return [f"{len(gone['mesh'])} mesh files are {why}: {len(dropped)} geoms left out, {touching} of them could touch"]
+
+
+def _readable(file: str) -> bool:
+    """Whether MuJoCo reads such files: meshes of a URDF are often DAE, which it does not."""
+    return Path(file).suffix.lower() != ".dae"
+
+
+def balance_inertia(spec: mujoco.MjSpec) -> list[str]:
+    """Let MuJoCo mend inertias that no body can have, which it else refuses: often in URDF; returns a note of that."""
+    wrong = [body.name for body in spec.bodies[1:] if body.explicitinertial and not _is_possible(body)]
+    if not wrong or spec.compiler.balanceinertia:
+        return []
+    spec.compiler.balanceinertia = True
+    return [f"no body can have the inertia that the model gives, so its mean about all axes is taken: {', '.join(wrong)}"]
+
+
+def _is_possible(body: Any) -> bool:
+    """Whether no principal moment of inertia is above the sum of the two others."""
+    xx, yy, zz, xy, xz, yz = body.fullinertia
+    matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    moments = np.linalg.eigvalsh(matrix) if np.isfinite(xx) else np.sort(body.inertia)
+    return bool(moments[2] <= moments[0] + moments[1])
 
 
 def _all_there(spec: mujoco.MjSpec) -> bool:
@@ -240,20 +279,29 @@ def lock_loose_joints(spec: mujoco.MjSpec, joints: Sequence[str]) -> list[str]:
         if not (held and joint.type in (_HINGE, _SLIDE)):
             loose.append(joint)
     names = ", ".join(joint.name or "unnamed" for joint in loose)
-    for joint in loose:
-        spec.delete(joint)
+    driven = {joint.name for joint in loose} - {""}
+    for element in [*(motor for motor in spec.actuators if motor.trntype in _AT_JOINT and motor.target in driven), *loose]:
+        spec.delete(element)
     return [f"joints that nothing holds are locked: {names}"] if loose else []
 
 
+def _pulls_back(actuator: Any) -> bool:
+    """Whether an actuator without a command holds what it drives; a motor, or a servo of speed, lets it drift."""
+    kind = mujoco.mjtBias
+    return actuator.biastype != kind.mjBIAS_NONE and not (actuator.biastype == kind.mjBIAS_AFFINE and actuator.biasprm[1] == 0)
+
+
 def _holds(spec: mujoco.MjSpec) -> tuple[set[str], set[str]]:
-    """Joints, and bodies, that an actuator, a tendon or an equality acts on."""
+    """Joints, and bodies, that an actuator, a tendon or an equality holds."""
     joints, bodies = set(), set()
-    transmission, kind = mujoco.mjtTrn, mujoco.mjtEq
+    kind = mujoco.mjtEq
     sites = {site.name: site.parent.name for site in spec.sites}
     for actuator in spec.actuators:
-        if actuator.trntype in (transmission.mjTRN_JOINT, transmission.mjTRN_JOINTINPARENT):
+        if not _pulls_back(actuator):
+            continue
+        if actuator.trntype in _AT_JOINT:
             joints.add(actuator.target)
-        elif actuator.trntype == transmission.mjTRN_SITE:
+        elif actuator.trntype == mujoco.mjtTrn.mjTRN_SITE:
             bodies.add(sites.get(actuator.target, ""))
     for tendon in spec.tendons:
         for wrap in tendon.path:

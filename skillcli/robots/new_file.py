@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -15,11 +14,12 @@ import mujoco
 import numpy as np
 
 from skillcli.errors import UsageError
+from skillcli.robots.base import places_of_hand, rotated, stand_on_table, turned_forward
 from skillcli.robots.chain import Chain, find_chain
 from skillcli.robots.config import Description
 from skillcli.robots.hand import Hand, find_hand
 from skillcli.robots.inverse_kinematics import Kinematics
-from skillcli.robots.mjcf import MENAGERIE, compile_model, drop_missing_files, find_model, quietly, read_mjcf
+from skillcli.robots.mjcf import MENAGERIE, balance_inertia, compile_model, drop_missing_files, find_model, quietly, read_mjcf
 from skillcli.robots.posture import posed
 from skillcli.robots.robot import Robot, build_described
 from skillcli.robots.servos import find_servos, torque_of
@@ -30,9 +30,11 @@ from skillcli.trajectories import Array
 
 DISTANCES = (0.45, 0.4, 0.5, 0.35, 0.55, 0.3, 0.25)  # of the start from the base, as shares of the reach
 HEIGHTS = (0.17, 0.25, 0.33)  # of the start above the table, likewise
+NEAR = 0.2  # of a place at least one of many random postures comes, if it is within reach at all, likewise
 AROUND = 0.08  # places that have to be within reach lie this far around the start, likewise
 FINGER_GAPS = (0.0, 0.01, 0.02, 0.04, 0.06)  # m that our finger is mounted farther out where it would stand in the hand
-STANDS = 0.02  # m from the table within which a base stands on it
+ASTRAY = 0.5  # share of a step that a joint may be off in the end, before its servo counts as none
+NARROWEST, WIDEST = 0.2, 50.0  # rad: the widest range of an arm's joints lies between
 TIMED_STEPS, REPEATS = 50, 8
 
 
@@ -82,12 +84,13 @@ def propose_robot(model: str, file: Path) -> NewRobot:
     with quietly():
         spec = read_mjcf(source)
         drop_missing_files(spec, source)
+        balance_inertia(spec)
         chain = find_chain(spec)
         compiled = compile_model(spec, source)
         hand = find_hand(spec, compiled, chain.joints)
         text = RobotText(model if model.startswith(MENAGERIE) else _relative(source, file), chain.joints)
         keys = {"model": text.model, "joints": chain.joints, "gripper": _frame(hand), "finger": hand.finger}
-        if (base := _base(spec, compiled, chain)) is not None:
+        if (base := stand_on_table(spec, compiled, chain.joints)) is not None:
             keys["base"] = {"pos": base}
         torque = torque_of(compiled, chain.joints)
         draft = _driven(file, keys, compiled, chain, torque)
@@ -107,37 +110,13 @@ def _frame(hand: Hand) -> dict[str, Any]:
     return {"body": hand.body, "pos": hand.pos, "quat": hand.quat}
 
 
-def _base(spec: mujoco.MjSpec, model: mujoco.MjModel, chain: Chain) -> tuple[float, float, float] | None:
-    """How far the model has to be moved so that its base stands on the table at the origin, m; None where it does."""
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    x, y, z = data.xanchor[model.joint(chain.joints[0]).id]
-    first = spec.joint(chain.joints[0]).parent
-    above = [body.name for body in _up(first)][:-1]
-    low = math.inf
-    for geom in range(model.ngeom):
-        if model.body(model.geom_bodyid[geom]).name in above and model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE:
-            box = model.geom_aabb[geom]
-            reach = np.abs(data.geom_xmat[geom].reshape(3, 3)[2]) @ box[3:]
-            centre = data.geom_xpos[geom] + data.geom_xmat[geom].reshape(3, 3) @ box[:3]
-            low = min(low, float(centre[2] - reach))
-    low = low if math.isfinite(low) else float(z)
-    away = (-x if abs(x) > 0.15 else 0.0, -y if abs(y) > 0.15 else 0.0, -low if abs(low) > STANDS else 0.0)
-    moved = tuple(round(float(part), 4) + 0.0 for part in away)
-    return (moved[0], moved[1], moved[2]) if any(moved) else None
-
-
-def _up(body: Any) -> Iterator[Any]:
-    while body is not None:
-        yield body
-        body = body.parent
-
-
 def _driven(file: Path, keys: dict[str, Any], model: mujoco.MjModel, chain: Chain, torque: Array) -> _Draft:
     """The robot with its own servos where it has some, else with the stiffest proposed gains that answer a step well."""
     own = _servos(model, chain)
     if own is not None:
-        return _with_start(file, {**keys, **own})
+        draft = _with_start(file, {**keys, **own})
+        if _follows(draft):
+            return draft
     limits = {"force": tuple(float(x) for x in torque)} if np.isfinite(torque).all() else {}
     drafts = ({**keys, "gains": {**_gains(model, chain, torque, hertz), **limits}} for hertz in BANDWIDTHS)
     draft = _with_start(file, next(drafts))
@@ -152,6 +131,11 @@ def _gains(model: mujoco.MjModel, chain: Chain, torque: Array, hertz: float) -> 
 
 def _answers_well(draft: _Draft) -> bool:
     return all(response.good for response in step_responses(draft.robot, draft.stands))
+
+
+def _follows(draft: _Draft) -> bool:
+    """Whether every joint gets somewhere near where it is told to be."""
+    return all(response.left <= ASTRAY for response in step_responses(draft.robot, draft.stands))
 
 
 def _servos(model: mujoco.MjModel, chain: Chain) -> dict[str, Any] | None:
@@ -180,11 +164,26 @@ def _first_servo(model: mujoco.MjModel, joint: str) -> str | None:
 def _with_start(file: Path, keys: dict[str, Any]) -> _Draft:
     """The robot, and a start with its gripper down before it where there is one."""
     draft = _built(file, keys, None)
+    started = _started(draft)
+    if started.start is None and (quat := turned_forward(Kinematics(draft.robot))) is not None:
+        pos = rotated(keys.get("base", {}).get("pos", (0.0, 0.0, 0.0)), quat)
+        turned = _started(_built(file, {**keys, "base": {"pos": pos, "quat": quat}}, None))
+        return started if turned.start is None else turned
+    return started
+
+
+def _started(draft: _Draft) -> _Draft:
+    """The robot with the start that points down best, as it is where there is none."""
     kinematics, reach = Kinematics(draft.robot), draft.robot.workspace.reach
     cube = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * AROUND * reach
+    known = places_of_hand(kinematics)
     best: tuple[float, tuple[float, ...]] | None = None
     for height, distance in product(HEIGHTS, DISTANCES):
+        if best is not None and distance == DISTANCES[0]:
+            break  # another height, for an arm that cannot point straight down, would not better it
         middle = np.array([distance * reach, 0.0, height * reach])
+        if np.linalg.norm(known - middle, axis=1).min() > NEAR * reach:
+            continue  # a search would find nothing, but take long
         start = find_start(kinematics, middle, middle + cube, None)
         if start is None:
             continue
@@ -192,7 +191,7 @@ def _with_start(file: Path, keys: dict[str, Any]) -> _Draft:
         best = max(best or (down, start), (down, start))
         if down >= POINTS_DOWN:
             break
-    return draft if best is None else _built(file, keys, best[1])
+    return draft if best is None else _built(draft.path, draft.keys, best[1])
 
 
 def _built(file: Path, keys: dict[str, Any], start: tuple[float, ...] | None) -> _Draft:
@@ -237,13 +236,18 @@ def _told(
 ) -> NewRobot:
     guessed = [f"the arm is the {len(chain.joints)} hinges from {chain.joints[0]} to {chain.joints[-1]}"]
     guessed += [f"another arm, from {first} to {last}, is left alone" for first, last in chain.others]
-    guessed.append(f"the gripper is {hand.because}, its axis that of the last joint")
+    guessed.append(f"the gripper is {hand.because}")
     unknown = ["the payload, and which frame is the tool's: check [gripper] against the arm's drawing"]
     if "base" in draft.keys:
-        guessed.append("the base is moved to stand on the table at the origin")
+        base = draft.keys["base"]
+        done = ["moved to stand on the table at the origin"] if any(base["pos"]) else []
+        done += ["turned to look along x"] if "quat" in base else []
+        guessed.append(f"the base is {', and '.join(done)}")
     if "actuators" in draft.keys:
         guessed.append("joints have several position servos: the first of each is taken")
     if "gains" in draft.keys:
+        if model.nu and _servos(model, chain) is not None:
+            guessed.append("the model's own servos do not hold the arm: ours replace them")
         responses = step_responses(draft.robot, draft.stands)
         worst, left = max(each.overshoot for each in responses), max(each.left for each in responses)
         guessed.append(
@@ -251,7 +255,13 @@ def _told(
             f"a step overshoots by {100 * abs(worst):.0f} %, and ends {100 * left:.0f} % off"
         )
     if not np.isfinite(torque).all():
-        unknown.append("the largest torque of each joint: gains.force, of its data sheet, in N·m")
+        where = "gains.force" if "gains" in draft.keys else "forcerange of the model's servos"
+        unknown.append(f"the largest torque of each joint: {where}, of its data sheet, in N·m")
+    if not _follows(draft):
+        unknown.append("why the arm does not go where it is told to: something else drives or blocks it, so it will not train")
+    widest = max((float(np.ptp(model.joint(name).range)) for name in chain.joints if model.joint(name).limited), default=np.pi)
+    if not NARROWEST < widest < WIDEST:
+        unknown.append(f"the unit of the joints' ranges, now {widest:.2g} rad at most: see <compiler angle> of the model")
     if speeds is None:
         unknown.append("the largest speed of each joint: speed_limit, of its data sheet, in rad/s")
     else:

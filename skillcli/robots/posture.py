@@ -12,7 +12,7 @@ from skillcli.robots.scene import GRIPPER, LIMIT_MARGIN, Names
 from skillcli.robots.servos import Servo
 from skillcli.trajectories import Array
 
-OVERLAP = 0.002  # m
+OVERLAP = 0.002001  # m: just above 2 mm, by which fingers are often modelled to overlap
 SAMPLED = 40  # random postures
 ALWAYS = 0.9  # share of them in which links must overlap to count as built into each other
 HELD_SECONDS = 3.0  # s after which an arm has come to rest

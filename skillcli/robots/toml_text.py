@@ -52,6 +52,7 @@ class RobotText:
                 "",
                 "[base]   # the table top is at z = 0, the arm looks along x",
                 f"pos = {_value(keys['base']['pos'])}   # m",
+                *([f"quat = {_value(keys['base']['quat'])}"] if "quat" in keys["base"] else []),
             ]
         if "gains" in keys:
             lines += ["", "[gains]   # position control of ours: N·m/rad, N·m·s/rad, N·m"]

@@ -49,7 +49,9 @@ def propose_gains(model: mujoco.MjModel, joints: tuple[str, ...], torque: Array,
     """
     inertia = np.maximum(mean_inertia(model, joints), np.where(np.isfinite(torque), torque / MOTOR_ACCELERATION, LIGHTEST))
     omega = 2 * np.pi * bandwidth
-    return Gains(_significant(inertia * omega**2), _significant(2 * inertia * omega))
+    damping = model.dof_damping[[model.joint(name).dofadr[0] for name in joints]]
+    kp = np.maximum(inertia * omega, damping / 2) * omega  # a joint that is damped more than critically is slow
+    return Gains(_significant(kp), _significant(2 * inertia * omega))
 
 
 def mean_inertia(model: mujoco.MjModel, joints: tuple[str, ...]) -> Array:

@@ -47,5 +47,6 @@ def no_place(robot: Robot, task: str, keys: str) -> UsageError:
     """Make the error for a task without room on an arm."""
     return UsageError(
         f"no place for the {task} task was found on {robot.name!r}, which reaches {robot.workspace.reach:.2f} m",
-        f"give {keys} in the recipe; `skill robots show` prints where the gripper can be",
+        f"look at it with `skill robots show {robot.path} --png arm.png`: it has to stand at z = 0 and look along x, else turn "
+        f"or move it with [base] of its file; or give {keys} in the recipe",
     )
