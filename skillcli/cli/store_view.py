@@ -168,6 +168,7 @@ def show(context: typer.Context, source: Id = None) -> None:
         "command": artifact.command,
         "recipe": dict(artifact.recipe),
         "recipe_sha256": artifact.recipe_sha256,
+        "robot": artifact.robot or None,
         "seed": artifact.seed,
         "parents": [{"id": str(parent.id), "content_sha256": parent.content_sha256} for parent in artifact.parents],
         "lineage": [str(one) for one in store.lineage(artifact.id)],

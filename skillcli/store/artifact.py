@@ -91,6 +91,11 @@ class Artifact(Header):
         found = self.measured.get(ORIGIN)
         return found if isinstance(found, dict) and {"id", "content_sha256", "command"} <= found.keys() else {}
 
+    @property
+    def robot(self) -> str:
+        """Return the robot as the recipe names it; "" if it names none: it is the default one, or there is no arm."""
+        return str(self.recipe.get("robot", ""))
+
     def provenance(self) -> str:
         """Describe the origin as markdown."""
         origin = self.origin
@@ -100,6 +105,7 @@ class Artifact(Header):
             code(self.command),
             "",
             f"- recipe **{markdown(self.recipe_name)}**, seed **{self.seed}**",
+            *([f"- robot **{markdown(self.robot)}**"] if self.robot else []),
             f"- made {markdown(self.created_utc[:19])} UTC",
             f"- content {code(self.content_sha256[:16])}",
             f"- git {code(self.git_commit[:12] or 'unknown')}{' with changes' if self.git_dirty else ''}",

@@ -71,8 +71,9 @@ def _frame(axes: Axes, scene: Scene, plane: Plane) -> None:
     axes.set(xlabel=f"{_NAMES[plane[0]]} [m]", ylabel=f"{_NAMES[plane[1]]} [m]")
     axes.grid(True)
     spans = high - low
-    axes.locator_params(axis="x", nbins=5 if spans[0] > spans.max() / 2 else 3)
-    axes.locator_params(axis="y", nbins=5 if spans[1] > spans.max() / 2 else 3)
+    longest = max(float(np.max(np.subtract(*limits(scene, other)[::-1]))) for other in planes(scene))  # of maps side by side
+    axes.locator_params(axis="x", nbins=5 if spans[0] > 0.7 * longest else 3)
+    axes.locator_params(axis="y", nbins=5 if spans[1] > 0.7 * longest else 3)
 
 
 def paths(axes: Axes, scene: Scene, plane: Plane) -> None:

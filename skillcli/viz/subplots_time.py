@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import LogFormatter
 
 from skillcli.trajectories import Array
 from skillcli.viz import motion
@@ -31,10 +31,19 @@ def unit(scene: Scene) -> tuple[float, str]:
     return per_metre, name
 
 
+class _PlainNumbers(LogFormatter):
+    """Write 0.5 and 20 where other formatters write powers of ten; between them what a short axis has room for."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """Label one tick."""
+        return f"{x:g}" if super().__call__(x, pos) else ""
+
+
 def _logarithmic(axes: Axes) -> None:
     """Make the axis logarithmic with plain numbers."""
     axes.set_yscale("log")
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_major_formatter(_PlainNumbers())
+    axes.yaxis.set_minor_formatter(_PlainNumbers(minor_thresholds=(1, 0.4)))
 
 
 def _tolerance_line(axes: Axes, scene: Scene, named: bool = True) -> None:

@@ -82,6 +82,12 @@ def test_skills_of_six_joints_are_trained_composed_transferred_and_drawn(six: Pa
     kept = Store(store).read(Store(store).resolve("six/transfer-eval"))
     assert kept.arrays["trajectories/joint_position"].shape[-1] == kept.arrays["trajectories/action"].shape[-1] == 6
     assert kept.arrays["domains/mild/gain"].shape == (2, 6) and kept.recipe["robot"].endswith("six.toml")
+    assert made("--store", store, "show", "six/compose")["robot"] == kept.recipe["robot"] == kept.robot
+    page = tmp_path / "report.html"
+    made("--store", store, "report", "-o", page)
+    text = page.read_text(encoding="utf-8")
+    assert "On other arms than the paper&#39;s: six (six)." in text and "skill compose ID --method ddpg" in text
+    assert "from its own goals" in text and ", on the six" in text
     refused_without_its_robot(six, store)
 
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from skillcli.errors import SkillError, UsageError
-from skillcli.viz import figure_style, motion, subplots_space
+from skillcli.viz import figure_style, motion, subplots_space, subplots_time
 from skillcli.viz.figures import draw, figure
 from skillcli.viz.palette import look
 from skillcli.viz.paper_figures import learning
@@ -179,3 +179,13 @@ def test_figures_need_neither_pyplot_nor_rerun() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_short_logarithmic_axis_has_plain_numbers() -> None:
+    drawn = Figure()
+    axes = drawn.subplots()
+    axes.plot([0, 1], [4.8, 12.0])
+    subplots_time._logarithmic(axes)
+    drawn.draw_without_rendering()
+    labels = [label.get_text() for label in axes.yaxis.get_ticklabels(which="both") if label.get_text()]
+    assert {"6", "10"} <= set(labels) and all(float(label) for label in labels)

@@ -53,7 +53,7 @@ def mean_pushes(scene: Scene, recorded: Mapping[frozenset[str], tuple[float, flo
 
     Args:
         scene: of an embed-means artifact; the episodes after the skills' own are those of `neighbours`.
-        recorded: displacements m that the paper recorded, by the two names.
+        recorded: displacements m that the paper recorded, by the two names; may be empty.
     """
     pairs = neighbours(scene.goals)
     figure = blank(WIDTH, 3.3)
@@ -91,7 +91,7 @@ def mean_pushes(scene: Scene, recorded: Mapping[frozenset[str], tuple[float, flo
         for label, (_, _, style) in zip(labels, rows, strict=True)
     ]
     marks = [mark("half-way between the goals", "x", size=5), mark("start", "o", "white"), mark("here", "s")]
-    legend(figure, [*handles, *marks, mark("Julian et al. 2018", "s", "white")])
+    legend(figure, [*handles, *marks, *([mark("Julian et al. 2018", "s", "white")] if recorded else [])])
     return figure
 
 

@@ -86,6 +86,7 @@ def _finish(axes: Axes, scene: Scene, plane: tuple[int, int], spots: Array, titl
             fontsize=7,
         )
     low, high = axes.get_ylim()
-    axes.set_ylim(low - 0.02, high + 0.02)
+    room = 0.05 * (high - low)
+    axes.set_ylim(low - room, high + room)
     axes.invert_xaxis()
     axes.set_title(title)

@@ -65,7 +65,7 @@ def _reach_skills(material: Material) -> Iterator[Row]:
             goal = _goal(one, skill.goal)
             theirs = _match(paper.REACH_FINAL, goal)
             path = ("skills", index, "final_distance_m")
-            yield _distance(f"skill {skill.name} to {_place(goal)}", theirs, one, path, real=True)
+            yield _distance(f"skill {skill.name} to {_place(goal)}{_on(one)}", theirs, one, path, real=True)
     for one in material.find(TRANSFER_EVAL, "reach", _bare):
         yield from _domains(
             one, f"0 of {len(paper.REACH_FINAL)} within {100 * paper.REACH_TOLERANCE:.0f} cm (real)", "bare skills"
@@ -78,13 +78,13 @@ def _reach_composed(material: Material) -> Iterator[Row]:
         made = [one for one in composed if _targets(one) == [goal]]
         what, asked = f"unseen point {_place(goal)}", f"--method ddpg --goal={','.join(f'{x:g}' for x in goal)}"
         for one in made:
-            label = f"{what}, {_plan(one).method}"
+            label = f"{what}, {_plan(one).method}{_on(one)}"
             yield _distance(label, theirs, one, ("final_distance_m",), real=True)
         if not made:
             yield Row(what, f"{_cm(theirs)} (ddpg, real)", None, "", _compose(material, "reach", asked))
     for one in [one for one in composed if _plan(one).task == "triangle"]:
         yield _lower(
-            "triangle: planning",
+            f"triangle: planning{_on(one)}",
             "less than 1 min (sim)",
             paper.TRIANGLE_SECONDS,
             one,
@@ -95,7 +95,7 @@ def _reach_composed(material: Material) -> Iterator[Row]:
         if closest := [waypoint.closest_m for waypoint in _plan(one).waypoints]:
             worst = int(np.argmax(closest))
             yield _lower(
-                "triangle: the vertex passed at the largest distance", "within 5 cm (sim)", paper.TRIANGLE_TOLERANCE,
+                f"triangle: the vertex passed at the largest distance{_on(one)}", "within 5 cm (sim)", paper.TRIANGLE_TOLERANCE,
                 one, "{:.1f} cm", "waypoints", worst, "closest_m", scale=100,
             )  # fmt: skip
     for one in material.find(EMBED_MEANS, "reach"):
@@ -103,18 +103,20 @@ def _reach_composed(material: Material) -> Iterator[Row]:
         if number is not None:
             key = "results.latent_goal_correlation"
             verdict = "better" if number > paper.REACH_CORRELATION else SHORT
-            what = "latent against goal distances, Pearson r"
+            what = f"latent against goal distances, Pearson r, {one.name}"
             yield Row(what, f"{paper.REACH_CORRELATION}", Number(f"{number:.2f}", one.id, key), verdict)
 
 
 def _push_skills(material: Material) -> Iterator[Row]:
     for one in material.find(PRETRAIN, "push"):
         for index, skill in enumerate(PRETRAIN.results_of(one.artifact).skills):
-            wanted, moved = _goal(one, skill.goal), paper.PUSH_MOVED.get(skill.name)
-            theirs = math.dist(moved, wanted[:2]) if moved and len(wanted) >= 2 else None
+            wanted, pushed = _goal(one, skill.goal)[:2], paper.PUSH_GOALS.get(skill.name)
+            same = pushed is not None and math.dist(pushed, wanted) < NEAR  # other arms may have other goals
+            moved = paper.PUSH_MOVED[skill.name] if same else None
+            theirs = None if moved is None else math.dist(moved, wanted)
             told = f"{_place(moved)}: {_cm(theirs)} off (real)" if moved and theirs is not None else ""
             path = ("skills", index, "final_distance_m")
-            yield _distance(f"{skill.name}, {one.name}", theirs, one, path, real=True, told=told)
+            yield _distance(f"{skill.name}, {one.name}{_on(one)}", theirs, one, path, real=True, told=told)
     for one in material.find(TRANSFER_EVAL, "push", _bare):
         yield from _domains(one, "", "bare skills")
 
@@ -139,7 +141,7 @@ def _push_searched(material: Material) -> Iterator[Row]:
     for goal, theirs in paper.PUSH_SEARCHED.items():
         made = [one for one in composed if _targets(one) == [goal]]
         for one in made:
-            label = f"{_place(goal)}, {_plan(one).method}"
+            label = f"{_place(goal)}, {_plan(one).method}{_on(one)}"
             yield _distance(label, theirs, one, ("final_distance_m",), real=False)
         if not made:
             command = _compose(material, "push", f"--goal={goal[0]:g},{goal[1]:g}")
@@ -237,13 +239,19 @@ def _within(distance: float, tolerance: float) -> str:
 
 
 def _compose(material: Material, task: str, asked: str) -> str:
-    """Return the command that composes with the first library of a task; without an id it would use the newest of any task."""
-    libraries = material.find(EMBED_MEANS, task) or material.find(PRETRAIN, task)
+    """Return the command that composes with the first library of a task on the paper's arm: goals of the paper are its own."""
+    found = [*material.find(EMBED_MEANS, task), *material.find(PRETRAIN, task)]
+    libraries = [one for one in found if not one.robot]
     return f"skill compose {libraries[0].artifact.id.series if libraries else 'ID'} {asked}"
 
 
 def _plan(one: Exhibit) -> ComposeResults:
     return COMPOSE.results_of(one.artifact)
+
+
+def _on(one: Exhibit) -> str:
+    """Name an arm that is not the paper's, after what it did."""
+    return f", on the {one.robot}" if one.robot else ""
 
 
 def _bare(one: Exhibit) -> bool:

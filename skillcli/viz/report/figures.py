@@ -60,13 +60,20 @@ def make_figures(material: Material) -> tuple[list[ReportFigure], list[Missing]]
             figure = plan.make()
             files = {suffix: encoded(figure, suffix) for suffix in FORMATS}
         ids = [one.id for one in plan.used]
-        figures.append(ReportFigure(subject.slug, subject.paper_figure, subject.title, plan.caption, ids, files))
+        caption = plan.caption + _arms_of(plan.used)
+        figures.append(ReportFigure(subject.slug, subject.paper_figure, subject.title, caption, ids, files))
     return figures, missing
+
+
+def _arms_of(used: Sequence[Exhibit]) -> str:
+    """Say which libraries are of other arms than the paper's."""
+    arms = dict.fromkeys(f"{one.name} ({one.robot})" for one in used if one.robot)
+    return f" On other arms than the paper's: {', '.join(arms)}." if arms else ""
 
 
 def _remedy(subject: Subject, material: Material) -> str:
     """Return the commands for figure 10, whose artifacts no chain makes."""
-    libraries = material.find(EMBED_MEANS, "reach")
+    libraries = material.find(EMBED_MEANS, "reach", lambda one: not one.robot)
     if subject.plan is not _arm_returns or not libraries:
         return ""
     goal = ",".join(f"{x:g}" for x in next(iter(paper.REACH_UNSEEN)))
@@ -105,11 +112,12 @@ def _skill_paths(material: Material) -> Plan | None:
         if target
         else "No target domain: there is no transfer-eval of these bare skills."
     )
+    whose = "its own" if one.robot else "these"
     caption = (
         f"Gripper paths of {len(one.scene.skills)} skills at their mean latents (bold) and of {others} sampled "
         "latents (thin) in the "
         f"source; circles: goals with the tolerance of {100 * one.scene.tolerance:.0f} cm. {below} "
-        f"In the paper the real robot ended {_range_cm(paper.REACH_FINAL.values())} cm from these goals, none within "
+        f"In the paper the real robot ended {_range_cm(paper.REACH_FINAL.values())} cm from {whose} goals, none within "
         f"{100 * paper.REACH_TOLERANCE:.0f} cm."
     )
     return Plan(caption, [one, *targets[:1]], lambda: reach.skill_paths(one.scene, target.scene if target else None))
@@ -171,9 +179,11 @@ def _mean_pushes(material: Material) -> Plan | None:
         caption = (
             f"n = {pairs} pairs, one episode each. Left: path of the box while the mean of two neighbouring latents is held; "
             "cross: half-way between the two goals. Right: the angle between where the box went and that "
-            "cross. Open marks: the "
-            "paper's recorded ends on the real robot, which it calls “not reliable for half”."
+            "cross."
         )
+        if one.robot:  # its goals are not those of the paper
+            return Plan(caption, [one], partial(push.mean_pushes, one.scene, {}))
+        caption += " Open marks: the paper's recorded ends on the real robot, which it calls “not reliable for half”."
         return Plan(caption, [one], partial(push.mean_pushes, one.scene, paper.PUSH_MEANS))
     return None
 

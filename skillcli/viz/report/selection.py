@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from skillcli.errors import SkillError, StoreError
 from skillcli.kinds import AnyKind, kind_spec
+from skillcli.robots.config import is_path
 from skillcli.store import Artifact, ArtifactId, Header, Store
 from skillcli.viz.loading import scene_of
-from skillcli.viz.scene import Scene, drawable
+from skillcli.viz.scene import Scene, drawable, label
 
 LIMIT = 100  # artifacts on one page
 PREFERRED = "reference"  # names with this prefix come first
@@ -32,6 +34,12 @@ class Exhibit:
     def name(self) -> str:
         """Return the name of its library."""
         return self.artifact.id.name
+
+    @property
+    def robot(self) -> str:
+        """Return the name of the arm that the skills are of; "" for the default one, the paper's, and without an arm."""
+        named = self.artifact.robot
+        return label(Path(named).stem if is_path(named) else named)
 
     def value(self, *path: str | int) -> Any:
         """Return the value at a path of results or measured, such as ("results", "skills", 0, "success_rate"); None if unset.
@@ -86,6 +94,8 @@ def select(store: Store, ids: Sequence[ArtifactId]) -> Material:
             skipped.append((one, f"its results are not those of its kind ({type(error).__name__}: {error})"))
     if not exhibits:
         _nothing(store, skipped)
+    if not ids:
+        exhibits.sort(key=lambda one: bool(one.robot))  # the paper's arm first
     known = set(wanted)
     return Material(
         tuple(exhibits),
