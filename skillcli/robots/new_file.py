@@ -34,6 +34,7 @@ NEAR = 0.2  # of a place at least one of many random postures comes, if it is wi
 AROUND = 0.08  # places that have to be within reach lie this far around the start, likewise
 FINGER_GAPS = (0.0, 0.01, 0.02, 0.04, 0.06)  # m that our finger is mounted farther out where it would stand in the hand
 ASTRAY = 0.5  # share of a step that a joint may be off in the end, before its servo counts as none
+SHORTEST, LONGEST = 0.2, 5.0  # m: the reach of an arm on a table, our finger of 13 cm included, lies between
 NARROWEST, WIDEST = 0.2, 50.0  # rad: the widest range of an arm's joints lies between
 TIMED_STEPS, REPEATS = 50, 8
 
@@ -262,6 +263,9 @@ def _told(
     widest = max((float(np.ptp(model.joint(name).range)) for name in chain.joints if model.joint(name).limited), default=np.pi)
     if not NARROWEST < widest < WIDEST:
         unknown.append(f"the unit of the joints' ranges, now {widest:.2g} rad at most: see <compiler angle> of the model")
+    reach = draft.robot.workspace.reach
+    if not SHORTEST < reach < LONGEST:
+        unknown.append(f"the unit of length: in m, as MuJoCo takes it, the arm reaches {reach:.3g} m")
     if speeds is None:
         unknown.append("the largest speed of each joint: speed_limit, of its data sheet, in rad/s")
     else:

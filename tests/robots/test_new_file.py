@@ -231,6 +231,12 @@ def test_joints_that_are_damped_get_gains_that_move_them(tmp_path: Path) -> None
     loaded(found, tmp_path / "arm.toml")
 
 
+def test_millimetres_are_asked_about(tmp_path: Path) -> None:
+    small = links("a", 4).replace(".2", ".002").replace(".03", ".0003")
+    found, _ = proposed(tmp_path, small)
+    assert any("unit of length" in item for item in found.unknown)
+
+
 def test_ranges_in_another_unit_are_asked_about(tmp_path: Path) -> None:
     found, _ = proposed(tmp_path, links("a", 6).replace("-2.5 2.5", "-.04 .04"))
     assert any("unit of the joints' ranges" in item for item in found.unknown)
