@@ -255,7 +255,7 @@ def _reward_terms(material: Material) -> Plan | None:
         return None
     caption = (
         "What each term of the reward gave per episode, costs below zero, and the return (black), their sum; mean over the "
-        "episodes that were collected with exploration, one training each."
+        f"episodes that were collected with exploration, n = 1 training for each of {len(used)} libraries."
     )
     return Plan(caption, used, lambda: learning.reward_terms([one.scene for one in used]))
 
