@@ -202,12 +202,19 @@ def _settings_of(content: dict[str, Any], by_hand: bool) -> type[TaskSettings]:
 
 def _placed(spec: TaskSpec, given: Mapping[str, Any], robot: str) -> dict[str, Any]:
     """Fill in the keys of the section `task` that depend on the robot: the start, and the place of the goals."""
-    open_keys = [key for key in spec.placed if not given.get(key)]
-    if spec.place is not None and robot != DEFAULT_ROBOT and open_keys:
-        from skillcli.robots.robot import load_robot  # compiles a model: slow to import
+    if spec.place is None or robot == DEFAULT_ROBOT:
+        return {} if given.get("start") else {"start": start_of(robot, spec.name)}
+    try:
+        task = spec.settings.model_validate(dict(given))
+    except ValidationError:
+        return {}  # the validation of the whole recipe says what is wrong
+    open_keys = [key for key in spec.placed if key not in given or (key == "start" and not given["start"])]
+    if not open_keys:
+        return {}
+    from skillcli.robots.robot import load_robot  # compiles a model: slow to import
 
-        return spec.place(given, load_robot(robot))
-    return {} if given.get("start") else {"start": start_of(robot, spec.name)}
+    placed = spec.place(task, load_robot(robot))
+    return {key: placed[key] for key in open_keys}
 
 
 def _from_module(task: Mapping[str, Any], by_hand: bool) -> dict[str, Any]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from skillcli.errors import UsageError
-from skillcli.robots.config import DEFAULT_ROBOT, blaming, describe_robot
+from skillcli.robots.config import DEFAULT_ROBOT, blaming, bundled_file, describe_robot
 from skillcli.robots.robot import Robot
+from skillcli.simulation.settings import ArmTask
 
 SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3)  # of the task's size, after scaling to the arm's reach
 ROOM = 1.15  # places farther from the middle by this factor must be within reach too
@@ -23,13 +23,13 @@ def relative_reach(robot: Robot) -> float:
     return robot.workspace.reach / own.reach
 
 
-def given_start(given: Mapping[str, Any], robot: Robot, of_file: Sequence[float] | None) -> tuple[float, ...] | None:
+def given_start(task: ArmTask, robot: Robot, of_file: Sequence[float] | None) -> tuple[float, ...] | None:
     """Return the start from the recipe, else from the robot's file, (n,) rad; None without both.
 
     Raises:
         UsageError: it does not fit the arm.
     """
-    start = given.get("start") or of_file
+    start = task.start or of_file
     if not start:
         return None
     with blaming(robot.path):
@@ -45,8 +45,9 @@ def largest_action(robot: Robot, usual: float, period: float) -> float:
 
 def no_place(robot: Robot, task: str, keys: str) -> UsageError:
     """Make the error for a task without room on an arm."""
+    shown = robot.name if robot.path == bundled_file(robot.name) else robot.path
     return UsageError(
         f"no place for the {task} task was found on {robot.name!r}, which reaches {robot.workspace.reach:.2f} m",
-        f"look at it with `skill robots show {robot.path} --png arm.png`: it has to stand at z = 0 and look along x, else turn "
+        f"look at it with `skill robots show {shown} --png arm.png`: it has to stand at z = 0 and look along x, else turn "
         f"or move it with [base] of its file; or give {keys} in the recipe",
     )

@@ -90,7 +90,7 @@ class TaskSpec:
             distance is enough.
         uses_robot: whether an arm takes part.
         placed: keys of the section `task` that `place` fills in.
-        place: fills in open keys of the section `task` on another robot than the default one, from the given keys and the
+        place: fills in open keys of the section `task` on another robot than the default one, from the settings and the
             robot; by default only the robot's start.
         figure_settings: how figures show it.
     """
@@ -108,6 +108,6 @@ class TaskSpec:
     chains: Mapping[str, str] = field(default_factory=dict)
     uses_robot: bool = True
     placed: tuple[str, ...] = ()
-    place: Callable[[Mapping[str, Any], Robot], dict[str, Any]] | None = None
+    place: Callable[[Any, Robot], dict[str, Any]] | None = None
     cost_to_go: Callable[[Any], Any] = straight_distance
     figure_settings: FigureSettings = field(default_factory=FigureSettings)

@@ -24,10 +24,10 @@ TORQUE = Path(__file__).parent.parent / "robots" / "torque.toml"
 
 def test_the_sawyer_would_be_given_what_the_tasks_were_written_with() -> None:
     assert relative_reach(SAWYER) == 1
-    found = place_reach({}, SAWYER)
+    found = place_reach(ReachTask(), SAWYER)
     assert np.array(found["goals"]) == pytest.approx(np.array(ReachTask().goals), abs=5e-3)
     assert tuple(found["start"]) == SAWYER.home and found["action_limit"] == 0.04
-    assert place_push({}, SAWYER)["box_start"] == list(PushTask().box_start)
+    assert place_push(PushTask(), SAWYER)["box_start"] == list(PushTask().box_start)
 
 
 @pytest.mark.parametrize("arm", ["ur5e", "panda", str(TORQUE)])
@@ -97,3 +97,20 @@ def test_shipped_recipes_name_their_arm(name: str) -> None:
 def test_a_small_arm_has_no_room_for_the_box() -> None:
     with pytest.raises(UsageError, match="no place for the push task"):
         load_recipe("push", robot="so101")
+
+
+@pytest.mark.parametrize(
+    ("task", "wrong", "key"),
+    [
+        ("reach", "task.goals=5", "task.goals"),
+        ("reach", 'task.goals=[["a",1,2]]', "task.goals"),
+        ("reach", 'task.control_period="x"', "task.control_period"),
+        ("push", "task.goals=[]", "task.goals"),
+        ("push", "task.goals=[[1]]", "task.goals"),
+        ("push", "task.box_size=[0.1]", "task.box_size"),
+        ("push", "task.box_start=[1,2,3]", "task.box_start"),
+    ],
+)
+def test_a_wrong_key_is_told_before_anything_is_placed(task: str, wrong: str, key: str) -> None:
+    with pytest.raises(UsageError, match=f"recipe key '{key}'"):
+        load_recipe(task, [wrong], robot="ur5e")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import product
 from typing import Any
 
@@ -22,28 +21,24 @@ PLACES = tuple(float(x) for x in np.arange(0.3, 0.9, 0.05))  # m before the base
 PUSH_HEIGHT = 0.03  # m above the table: the height of a pushing finger
 
 
-def place_push(given: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
-    """Fill in open keys of the section `task`: the start of the box, the start of the arm, and the action limit.
+def place_push(task: PushTask, robot: Robot) -> dict[str, Any]:
+    """Place box, start and action limit of the section `task` on this arm; what a recipe gives is kept.
 
     Raises:
         UsageError: the arm has no room.
     """
-    usual = PushTask(start=robot.home)
-    kinematics = Kinematics(robot)
-    goals = np.array(given.get("goals", usual.goals), dtype=float)
-    height = float(given.get("box_size", usual.box_size)[2])
-    own = given_start(given, robot, robot.description.starts.get("push"))
-    box, start = _box_and_start(kinematics, goals, height, given.get("box_start"), own)
-    found = {
+    own = given_start(task, robot, robot.description.starts.get("push"))
+    given = task.box_start if "box_start" in task.model_fields_set else None
+    box, start = _box_and_start(Kinematics(robot), np.array(task.goals), task.box_size[2], given, own)
+    return {
         "box_start": box,
         "start": start,
-        "action_limit": largest_action(robot, usual.action_limit, given.get("control_period", usual.control_period)),
+        "action_limit": largest_action(robot, task.action_limit, task.control_period),
     }
-    return {key: item for key, item in found.items() if key not in given or (key == "start" and not given[key])}
 
 
 def _box_and_start(
-    kinematics: Kinematics, goals: Array, height: float, box: Any, own: Any
+    kinematics: Kinematics, goals: Array, height: float, box: tuple[float, float] | None, own: tuple[float, ...] | None
 ) -> tuple[list[float], tuple[float, ...]]:
 
     def start_at(x: float, y: float, near: tuple[float, ...] | None) -> tuple[float, ...] | None:
@@ -51,7 +46,7 @@ def _box_and_start(
         return find_start(kinematics, middle, _finger_places(goals, x, y), own, down=POINTS_DOWN, near=near)
 
     if box is not None:
-        start = start_at(float(box[0]), float(box[1]), None)
+        start = start_at(*box, None)
         if start is None:
             raise no_place(kinematics.robot, "push", "task.start")
         return list(box), start

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -63,10 +63,10 @@ def _ring() -> tuple[Route, ...]:
     return tuple(((round(0.2 * math.cos(angle), 4), round(0.2 * math.sin(angle), 4)),) for angle in angles)
 
 
-def _place(given: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
+def _place(task: PushTask, robot: Robot) -> dict[str, Any]:
     from skillcli.tasks.push.placement import place_push
 
-    return place_push(given, robot)
+    return place_push(task, robot)
 
 
 TASK = TaskSpec(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -18,23 +17,19 @@ DISTANCES = (0.45, 0.4, 0.5, 0.35, 0.55, 0.3)  # of the cuboid's middle from the
 BASE_GAP = 0.03  # m between the column of the base and the nearest goal
 
 
-def place_reach(given: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
-    """Fill in open keys of the section `task`: goals, start and action limit of this arm.
+def place_reach(task: ReachTask, robot: Robot) -> dict[str, Any]:
+    """Place goals, start and action limit of the section `task` on this arm; what a recipe gives is kept.
 
     Raises:
         UsageError: the arm has no room.
     """
-    usual = ReachTask(start=robot.home)
-    kinematics = Kinematics(robot)
-    own = given_start(given, robot, robot.description.starts.get("reach", robot.description.start))
-    goals, start = _goals_and_start(kinematics, own, given.get("goals"))
-    period = given.get("control_period", usual.control_period)
-    found = {
+    own = given_start(task, robot, robot.description.starts.get("reach", robot.description.start))
+    goals, start = _goals_and_start(Kinematics(robot), own, task.goals if "goals" in task.model_fields_set else None)
+    return {
         "goals": [[round(float(x), 3) for x in goal] for goal in goals],
         "start": list(start),
-        "action_limit": largest_action(robot, usual.action_limit, period),
+        "action_limit": largest_action(robot, task.action_limit, task.control_period),
     }
-    return {key: item for key, item in found.items() if key not in given or (key == "start" and not given[key])}
 
 
 def _goals_and_start(kinematics: Kinematics, own: Any, given: Any) -> tuple[Array, tuple[float, ...]]:

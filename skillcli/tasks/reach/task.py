@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -23,10 +23,10 @@ def _place_goal(task: ReachTask, goal: Sequence[float]) -> list[float]:
     return [*goal]
 
 
-def _place(given: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
+def _place(task: ReachTask, robot: Robot) -> dict[str, Any]:
     from skillcli.tasks.reach.placement import place_reach
 
-    return place_reach(given, robot)
+    return place_reach(task, robot)
 
 
 def _fit_route(task: ReachTask, route: Route) -> Route:
