@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from skillcli.robots.hand import outline
 from skillcli.robots.inverse_kinematics import Kinematics
 from skillcli.robots.mjcf import upwards
+from skillcli.robots.shapes import outline
 from skillcli.trajectories import Array
 
 HIGHEST, SHOULDER = 0.6, 0.4  # lengths of the arm: shoulders farther above the ground are on a trunk; and above its table

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from skillcli.robots.mjcf import upwards
+from skillcli.robots.shapes import outline
 from skillcli.trajectories import Array
 
 # Names that modellers give the place where a tool is mounted, the plainest first.
@@ -103,19 +103,6 @@ def _points(model: mujoco.MjModel, data: mujoco.MjData, body: str) -> Array:
     i = model.body(body).id
     geoms = [outline(model, data, geom) for geom in range(model.ngeom) if model.geom_bodyid[geom] == i]
     return np.concatenate([data.xpos[i][None], data.xipos[i][None], *geoms])
-
-
-def outline(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Array:
-    """The vertices of a mesh, of another shape the corners of the box around it, (P, 3) m."""
-    mesh = model.geom_dataid[geom]
-    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
-        first = model.mesh_vertadr[mesh]
-        local = model.mesh_vert[first : first + model.mesh_vertnum[mesh]]
-    else:
-        centre, half = np.split(model.geom_aabb[geom], 2)  # in the frame of the geom
-        local = centre + half * np.array(list(product((-1, 1), repeat=3)))
-    world: Array = local @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
-    return world
 
 
 def _out_of(points: Array, anchor: Array, before: Array, axis: Array) -> tuple[Array, str]:

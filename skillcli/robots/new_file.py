@@ -20,12 +20,13 @@ from skillcli.robots.config import Description
 from skillcli.robots.hand import Hand, find_hand
 from skillcli.robots.inverse_kinematics import Kinematics
 from skillcli.robots.mjcf import MENAGERIE, balance_inertia, compile_model, drop_missing_files, find_model, quietly, read_mjcf
-from skillcli.robots.posture import posed
+from skillcli.robots.posture import held
 from skillcli.robots.robot import Robot, build_described
 from skillcli.robots.servos import find_servos, torque_of
+from skillcli.robots.shapes import CORNERS
 from skillcli.robots.start import POINTS_DOWN, find_start
 from skillcli.robots.toml_text import RobotText
-from skillcli.robots.tuning import BANDWIDTHS, propose_gains, step_responses
+from skillcli.robots.tuning import BANDWIDTHS, Response, propose_gains, step_responses
 from skillcli.trajectories import Array
 
 DISTANCES = (0.45, 0.4, 0.5, 0.35, 0.55, 0.3, 0.25)  # of the start from the base, as shares of the reach
@@ -116,7 +117,7 @@ def _driven(file: Path, keys: dict[str, Any], model: mujoco.MjModel, chain: Chai
     own = _servos(model, chain)
     if own is not None:
         draft = _with_start(file, {**keys, **own})
-        if _follows(draft):
+        if _follows(step_responses(draft.robot, draft.stands)):
             return draft
     limits = {"force": tuple(float(x) for x in torque)} if np.isfinite(torque).all() else {}
     drafts = ({**keys, "gains": {**_gains(model, chain, torque, hertz), **limits}} for hertz in BANDWIDTHS)
@@ -134,9 +135,9 @@ def _answers_well(draft: _Draft) -> bool:
     return all(response.good for response in step_responses(draft.robot, draft.stands))
 
 
-def _follows(draft: _Draft) -> bool:
+def _follows(responses: list[Response]) -> bool:
     """Whether every joint gets somewhere near where it is told to be."""
-    return all(response.left <= ASTRAY for response in step_responses(draft.robot, draft.stands))
+    return all(response.left <= ASTRAY for response in responses)
 
 
 def _servos(model: mujoco.MjModel, chain: Chain) -> dict[str, Any] | None:
@@ -176,7 +177,7 @@ def _with_start(file: Path, keys: dict[str, Any]) -> _Draft:
 def _started(draft: _Draft) -> _Draft:
     """The robot with the start that points down best, as it is where there is none."""
     kinematics, reach = Kinematics(draft.robot), draft.robot.workspace.reach
-    cube = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * AROUND * reach
+    cube = CORNERS * AROUND * reach
     known = places_of_hand(kinematics)
     best: tuple[float, tuple[float, ...]] | None = None
     for height, distance in product(HEIGHTS, DISTANCES):
@@ -235,6 +236,7 @@ def _told(
     torque: Array,
     model: mujoco.MjModel,
 ) -> NewRobot:
+    responses = step_responses(draft.robot, draft.stands)
     guessed = [f"the arm is the {len(chain.joints)} hinges from {chain.joints[0]} to {chain.joints[-1]}"]
     guessed += [f"another arm, from {first} to {last}, is left alone" for first, last in chain.others]
     guessed.append(f"the gripper is {hand.because}")
@@ -249,7 +251,6 @@ def _told(
     if "gains" in draft.keys:
         if model.nu and _servos(model, chain) is not None:
             guessed.append("the model's own servos do not hold the arm: ours replace them")
-        responses = step_responses(draft.robot, draft.stands)
         worst, left = max(each.overshoot for each in responses), max(each.left for each in responses)
         guessed.append(
             "gains are those of critically damped servos for the inertia of the links; "
@@ -258,7 +259,7 @@ def _told(
     if not np.isfinite(torque).all():
         where = "gains.force" if "gains" in draft.keys else "forcerange of the model's servos"
         unknown.append(f"the largest torque of each joint: {where}, of its data sheet, in N·m")
-    if not _follows(draft):
+    if not _follows(responses):
         unknown.append("why the arm does not go where it is told to: something else drives or blocks it, so it will not train")
     widest = max((float(np.ptp(model.joint(name).range)) for name in chain.joints if model.joint(name).limited), default=np.pi)
     if not NARROWEST < widest < WIDEST:
@@ -297,9 +298,7 @@ def _mesh_cost(draft: _Draft) -> str:
 
 def _seconds(draft: _Draft, model: mujoco.MjModel) -> float:
     """What some steps at the start take."""
-    data, names = posed(model, draft.robot.names, tuple(draft.stands)), draft.robot.names
-    for name, angle in zip(names.servos, draft.stands, strict=True):
-        data.ctrl[model.actuator_ctrladr[model.actuator(name).id]] = angle
+    data = held(model, draft.robot.names, tuple(draft.stands))
     began = time.perf_counter()
     for _ in range(TIMED_STEPS):
         mujoco.mj_step(model, data)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import pairwise
 
 import mujoco
@@ -36,6 +37,29 @@ def posed(model: mujoco.MjModel, names: Names, angles: tuple[float, ...]) -> muj
     return data
 
 
+def held(model: mujoco.MjModel, names: Names, angles: tuple[float, ...]) -> mujoco.MjData:
+    """Put the arm at rest at joint angles (n,) rad, told to stay there."""
+    data = posed(model, names, angles)
+    for name, angle in zip(names.servos, angles, strict=True):
+        data.ctrl[model.actuator_ctrladr[model.actuator(name).id]] = angle
+    return data
+
+
+def joint_ranges(model: mujoco.MjModel, joints: Iterable[str], free: float = np.inf) -> Array:
+    """Return the lowest and highest angle of joints, (n, 2) rad; plus and minus `free` without limits."""
+    found = [model.joint(name) for name in joints]
+    return np.array([joint.range if model.jnt_limited[joint.id] else (-free, free) for joint in found])
+
+
+def joint_inertia(model: mujoco.MjModel, data: mujoco.MjData, joints: Iterable[str]) -> Array:
+    """Return the inertia matrix of joints where `data` was moved to, (n, n) kg·m²."""
+    whole = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, whole)
+    dofs = [model.joint(name).dofadr[0] for name in joints]
+    inertia: Array = whole[np.ix_(dofs, dofs)]
+    return inertia
+
+
 def workspace(model: mujoco.MjModel, names: Names) -> Workspace:
     """Bound where the finger can be: within the sum of the distances between joints, around the height of the second one."""
     data = posed(model, names, (0.0,) * len(names.joints))
@@ -52,19 +76,9 @@ def shakes(model: mujoco.MjModel, names: Names, servos: list[Servo], angles: tup
     """Check whether explicit damping overshoots in a time step h: the largest eigenvalue of M^-1 K_v is above 1/h."""
     if model.opt.integrator not in (mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_RK4):
         return False
-    inertia = _inertia(model, names, angles)
+    inertia = joint_inertia(model, posed(model, names, angles), names.joints)
     rates = np.linalg.eigvals(np.linalg.solve(inertia, np.diag([servo.kv for servo in servos])))
     return bool(model.opt.timestep * np.abs(rates).max() > 1)
-
-
-def _inertia(model: mujoco.MjModel, names: Names, angles: tuple[float, ...]) -> Array:
-    """Compute the inertia matrix of the arm's joints, (n, n) kg·m²."""
-    data = posed(model, names, angles)
-    whole = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, whole)
-    dofs = [model.joint(name).dofadr[0] for name in names.joints]
-    inertia: Array = whole[np.ix_(dofs, dofs)]
-    return inertia
 
 
 def steady(
@@ -81,7 +95,7 @@ def steady(
     by F h / I, and damping answers with F at most. With an inertia I of k_v h the joint comes to rest, below it shakes. The
     inertia that a servo feels is computed at joint angles (n,) rad, with the other joints free.
     """
-    felt = 1 / np.diag(np.linalg.inv(_inertia(model, names, angles)))
+    felt = 1 / np.diag(np.linalg.inv(joint_inertia(model, posed(model, names, angles), names.joints)))
     missing = np.zeros(len(servos))
     for index, (servo, inertia) in enumerate(zip(servos, felt, strict=True)):
         if np.isfinite(servo.force).any():
@@ -108,7 +122,7 @@ def part_neighbours(scene: mujoco.MjSpec, model: mujoco.MjModel, names: Names, p
     """Exclude contact between links that overlap in nearly every posture, and note them: it would lock their joints."""
     rng, data = np.random.default_rng(0), mujoco.MjData(model)
     joints = [model.joint(name) for name in names.joints]
-    ranges = np.array([joint.range if model.jnt_limited[joint.id] else (-np.pi, np.pi) for joint in joints])
+    ranges = joint_ranges(model, names.joints, free=np.pi)
     counts: dict[tuple[str, str], int] = {}
     for _ in range(SAMPLED):
         for joint, angle in zip(joints, rng.uniform(ranges[:, 0], ranges[:, 1]), strict=True):
@@ -138,12 +152,10 @@ def at_rest(model: mujoco.MjModel, names: Names, shown: tuple[str, ...], angles:
     """Note if the arm, commanded to stay at joint angles (n,) rad, sags or is made unstable by its servos."""
     joints = [model.joint(name) for name in names.joints]
     addresses = [joint.qposadr[0] for joint in joints]
-    low, high = np.array([joint.range if model.jnt_limited[joint.id] else (-np.inf, np.inf) for joint in joints]).T
+    low, high = joint_ranges(model, names.joints).T
     told = np.clip(angles, low + LIMIT_MARGIN, high - LIMIT_MARGIN)
-    data = posed(model, names, tuple(told))
+    data = held(model, names, tuple(told))
     here = data.site(GRIPPER).xpos.copy()
-    for name, angle in zip(names.servos, told, strict=True):
-        data.ctrl[model.actuator_ctrladr[model.actuator(name).id]] = angle
     for _ in range(round(HELD_SECONDS / model.opt.timestep)):
         mujoco.mj_step(model, data)
         if not (np.abs(data.qpos) < FARTHEST).all():

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from skillcli.robots.posture import joint_inertia, joint_ranges
 from skillcli.robots.robot import Robot
 from skillcli.trajectories import Array
 
@@ -57,16 +58,12 @@ def propose_gains(model: mujoco.MjModel, joints: tuple[str, ...], torque: Array,
 def mean_inertia(model: mujoco.MjModel, joints: tuple[str, ...]) -> Array:
     """Inertia of each joint with the others locked, in the mean over random postures, (n,) kg·m²."""
     rng, data = np.random.default_rng(0), mujoco.MjData(model)
-    found = [model.joint(name) for name in joints]
-    qpos, dofs = [joint.qposadr[0] for joint in found], [joint.dofadr[0] for joint in found]
-    ranges = np.array([joint.range if model.jnt_limited[joint.id] else (-np.pi, np.pi) for joint in found])
+    qpos, ranges = [model.joint(name).qposadr[0] for name in joints], joint_ranges(model, joints, free=np.pi)
     total = np.zeros(len(joints))
     for _ in range(POSTURES):
         data.qpos[qpos] = rng.uniform(ranges[:, 0], ranges[:, 1])
         mujoco.mj_fwdPosition(model, data)
-        whole = np.zeros((model.nv, model.nv))
-        mujoco.mj_fullM(model, data, whole)
-        total += np.diag(whole)[dofs]
+        total += np.diag(joint_inertia(model, data, joints))
     mean: Array = total / POSTURES
     return mean
 
@@ -98,8 +95,7 @@ def step_responses(robot: Robot, start: Array) -> list[Response]:
 
 def _away_from_limits(robot: Robot, joint: int, angle: float) -> float:
     """The direction in which a joint has more room."""
-    found = robot.model.joint(robot.names.joints[joint])
-    low, high = found.range if robot.model.jnt_limited[found.id] else (-np.inf, np.inf)
+    low, high = joint_ranges(robot.model, robot.names.joints)[joint]
     return 1.0 if high - angle >= angle - low else -1.0
 
 

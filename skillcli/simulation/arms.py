@@ -11,6 +11,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 import skillcli.robots.quiet  # noqa: F401
+from skillcli.robots.posture import joint_ranges
 from skillcli.robots.scene import GRIPPER, LIMIT_MARGIN, Names
 from skillcli.simulation import table
 
@@ -67,7 +68,7 @@ class ArmBatch:
         joints = [model.joint(name) for name in names.joints]
         self._qpos_address = np.array([joint.qposadr[0] for joint in joints])
         self._dof_address = np.array([joint.dofadr[0] for joint in joints])
-        limits = np.array([joint.range if model.jnt_limited[joint.id] else (-np.inf, np.inf) for joint in joints])
+        limits = joint_ranges(model, names.joints)
         self._range = limits
         first = model.actuator_ctrladr[servos[0]]
         own = slice(first, first + len(servos))

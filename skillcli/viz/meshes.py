@@ -8,10 +8,9 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from skillcli.robots.shapes import CORNERS, mesh_vertices
 from skillcli.trajectories import Array
 from skillcli.viz.kinematics import drawn_geoms, geom_color
-
-_BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
 
 
 class Detail(Enum):
@@ -50,12 +49,12 @@ def meshes(model: mujoco.MjModel, detail: Detail) -> dict[int, list[Mesh]]:
 
 def _mesh(model: mujoco.MjModel, geom: int, place: int, detail: Detail) -> Mesh:
     mesh = int(model.geom_dataid[geom])
-    first, rows = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
-    vertices = np.array(model.mesh_vert[first : first + model.mesh_vertnum[mesh]])
+    rows = model.mesh_faceadr[mesh]
+    vertices = np.array(mesh_vertices(model, mesh))
     faces = np.array(model.mesh_face[rows : rows + model.mesh_facenum[mesh]])
     if detail is Detail.BOX:
         center, half = model.geom_aabb[geom].reshape(2, 3)
-        vertices = center + half * _BOX_CORNERS
+        vertices = center + half * CORNERS
     if detail in (Detail.HULL, Detail.BOX):
         vertices, faces = _hull(vertices) or (vertices, faces)
     vertices, faces = _merged(vertices, faces, detail.grid)

@@ -13,6 +13,7 @@ from scipy.spatial import ConvexHull, QhullError
 from skillcli.robots.posture import posed
 from skillcli.robots.robot import Robot
 from skillcli.robots.scene import GRIPPER
+from skillcli.robots.shapes import CORNERS, mesh_vertices
 from skillcli.trajectories import Array
 from skillcli.viz.figure_style import WIDTH, blank
 from skillcli.viz.kinematics import drawn_geoms, geom_color, moves
@@ -72,12 +73,9 @@ def _surface(model: mujoco.MjModel, geom: int) -> Array:
     """Return points on a geom in its own frame, (P, 3) m, that span its convex hull."""
     kind, size = model.geom_type[geom], model.geom_size[geom]
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        mesh = model.geom_dataid[geom]
-        first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-        vertices: Array = model.mesh_vert[first : first + count]
-        return vertices
+        return mesh_vertices(model, model.geom_dataid[geom])
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        corners: Array = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size
+        corners: Array = CORNERS * size
         return corners
     turn = np.linspace(0, 2 * np.pi, ROUND, endpoint=False)
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
