@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from skillcli.learning.networks import CLIP, Embedding, Inference, Normalizer, Policy, Value, affine, arranged, spread
+from skillcli.learning.networks import CLIP, Embedding, Inference, Normalizer, Policy, Value, affine, arranged, spread, tanh
 from skillcli.learning.settings import LearningRecipe
 from skillcli.seeding import torch_generator
 from skillcli.trajectories import Array
@@ -124,7 +124,7 @@ class Actor:
         normalized = ((torch.from_numpy(observation) - self._mean) * self._scale).clamp_(-CLIP, CLIP)
         x = torch.addmm(self._offset, normalized, self._weight)
         for bias, weight in self._rest:
-            x = torch.addmm(bias, x.tanh_(), weight)
+            x = torch.addmm(bias, tanh(x), weight)
         action: Array = (affine(x, self._latent) if self._linear else x).numpy()
         return action
 

@@ -8,7 +8,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from skillcli.learning.descent import descend, minibatches
+from skillcli.learning.descent import descend, minibatches, rows
 from skillcli.trajectories import Array
 
 RATES = (1e-5, 1e-2)
@@ -89,8 +89,8 @@ def update_policy(
     for order in orders:
         divergences: list[float] = []
         for chosen in minibatches(order, parameters.minibatch):
-            new, old = log_prob(chosen), old_log_prob[chosen]
-            loss = regularise(surrogate_loss(new, old, advantage[chosen], parameters.clip))
+            new, old = log_prob(chosen), rows(old_log_prob, chosen)
+            loss = regularise(surrogate_loss(new, old, rows(advantage, chosen), parameters.clip))
             descend(optimizer, loss, parameters.max_grad_norm)
             bound()
             divergences.append(float(approximate_kl(new.detach(), old)))

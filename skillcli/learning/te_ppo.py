@@ -12,6 +12,7 @@ at that z, so the embedding learns through the policy. Episodes may have mixture
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -21,9 +22,8 @@ from torch import Tensor
 
 from skillcli.learning import gaussian
 from skillcli.learning.agent import Agent, windows
-from skillcli.learning.descent import descend, minibatches
+from skillcli.learning.descent import descend, minibatches, rows
 from skillcli.learning.gae import advantages
-from skillcli.learning.mixtures import MIXED
 from skillcli.learning.ppo_update import standardised, update_policy
 from skillcli.learning.rollout import Rollout
 from skillcli.learning.settings import Training
@@ -69,7 +69,6 @@ class Batch:
     old_log_prob: Tensor  # (n,)
     advantage: Tensor  # (n,) standardised
     value_target: Tensor  # (n,) in units of the value scale
-    skill: Tensor  # (n,), `MIXED` for mixtures
     weights: Tensor  # (n, K) of the skills, one-hot without mixture
     noise: Tensor  # (n, d)
     latent: Tensor  # (n, d) as used in the rollout
@@ -132,7 +131,6 @@ def prepare(rollout: Rollout, agent: Agent, training: Training) -> tuple[Batch, 
         old_log_prob=old_log_prob[valid],
         advantage=standardised(torch.from_numpy(advantage)[valid]),
         value_target=torch.from_numpy(target)[valid],
-        skill=torch.from_numpy(rollout.skill).expand(steps, -1)[valid],
         weights=weights.expand(steps, -1, -1)[valid],
         noise=torch.from_numpy(rollout.noise).expand(steps, -1, -1)[valid],
         latent=latent[1:][valid],
@@ -146,29 +144,31 @@ def prepare(rollout: Rollout, agent: Agent, training: Training) -> tuple[Batch, 
 def update(
     batch: Batch, agent: Agent, optimizers: Optimizers, training: Training, progress: float, rng: np.random.Generator
 ) -> dict[str, float]:
-    """Run several epochs over one batch. Policy and embedding share no weights with value and inference: two threads.
+    """Run several epochs over one batch.
+
+    Policy with embedding, value and inference share no weights and no gradients: a thread for each. Each runs its own torch
+    operations on one core, so the result does not depend on the number of cores.
 
     `progress` of the training goes from 0 to 1. Towards its end the target KL decreases, so that the last steps settle.
-
-    Each thread runs its own torch operations on one core, so the result does not depend on the number of cores.
     """
-    orders = [rng.permutation(len(batch.skill)) for _ in range(training.epochs)]
-    with ThreadPoolExecutor(2, initializer=torch.set_num_threads, initargs=(1,)) as threads:
-        target_kl = annealed_kl(training.target_kl, training.settle_from, progress)
-        actor = threads.submit(_update_actor, batch, agent, optimizers, training, target_kl, orders)
-        critic = threads.submit(_update_critics, batch, agent, optimizers, training, orders)
-        return actor.result() | critic.result()
+    orders = [rng.permutation(len(batch.action)) for _ in range(training.epochs)]
+    target_kl = annealed_kl(training.target_kl, training.settle_from, progress)
+    with ThreadPoolExecutor(3, initializer=torch.set_num_threads, initargs=(1,)) as threads:
+        actor = threads.submit(_update_actor, batch, agent, optimizers.policy, training, target_kl, orders)
+        value = threads.submit(_update_value, batch, agent, optimizers.value, training, orders)
+        inference = threads.submit(_update_inference, batch, agent, optimizers.inference, training, orders)
+        return actor.result() | value.result() | inference.result()
 
 
 def _update_actor(
-    batch: Batch, agent: Agent, optimizers: Optimizers, training: Training, target_kl: float, orders: list[Array]
+    batch: Batch, agent: Agent, optimizer: torch.optim.Adam, training: Training, target_kl: float, orders: list[Array]
 ) -> dict[str, float]:
     def with_entropies(loss: Tensor) -> Tensor:
         loss = loss - training.policy_entropy * gaussian.entropy(agent.policy.std)
         return loss - training.embedding_entropy * gaussian.entropy(agent.embedding.std).mean()
 
     kl = update_policy(
-        optimizers.policy,
+        optimizer,
         orders,
         lambda chosen: _log_prob(batch, agent, chosen),
         batch.old_log_prob,
@@ -180,39 +180,53 @@ def _update_actor(
     )
     return {
         "kl": kl,
-        "learning_rate": optimizers.policy_rate,
+        "learning_rate": float(optimizer.param_groups[0]["lr"]),
         "action_std": float(agent.policy.std.detach().mean()),
         "embedding_std": float(agent.embedding.std.detach().mean()),
     }
 
 
 def _log_prob(batch: Batch, agent: Agent, chosen: Tensor) -> Tensor:
-    """Compute log pi(a|s, z) at the z of the present embedding for the same skill or mixture, and the same epsilon."""
-    latent = present_latent(batch, agent, chosen)
-    return gaussian.log_prob(batch.action[chosen], agent.policy(batch.observation[chosen], latent), agent.policy.std)
+    """Compute log pi(a|s, z) at the latents of the present embedding."""
+    mean = agent.policy(rows(batch.observation, chosen), present_latent(batch, agent, chosen))
+    return gaussian.log_prob(rows(batch.action, chosen), mean, agent.policy.std)
 
 
 def present_latent(batch: Batch, agent: Agent, chosen: Tensor) -> Tensor:
-    """Compute z = mean_t + std_t * epsilon for samples with indices (m,), or as `mixtures` says, (m, d)."""
-    mean, std, skill = agent.embedding.mean, agent.embedding.std, batch.skill[chosen]
-    if (skill == MIXED).any():
-        weights = batch.weights[chosen]
-        return weights @ mean + (weights @ std) * batch.noise[chosen]
-    return mean[skill] + std[skill] * batch.noise[chosen]
+    """Compute z = mean_t + std_t * epsilon for samples with indices (m,), of the present embedding, (m, d).
+
+    The skill or mixture and the epsilon are those of the rollout. A skill is a mixture with one weight of 1.
+    """
+    weights, noise = rows(batch.weights, chosen), rows(batch.noise, chosen)
+    return weights @ agent.embedding.mean + (weights @ agent.embedding.std) * noise
 
 
-def _update_critics(
-    batch: Batch, agent: Agent, optimizers: Optimizers, training: Training, orders: list[Array]
+def _update_value(
+    batch: Batch, agent: Agent, optimizer: torch.optim.Adam, training: Training, orders: list[Array]
 ) -> dict[str, float]:
-    value_loss = inference_loss = torch.zeros(())
+    def loss(chosen: Tensor) -> Tensor:
+        inputs = batch.observation, batch.privileged, batch.latent, batch.weights
+        error: Tensor = agent.value(*(rows(samples, chosen) for samples in inputs)) - rows(batch.value_target, chosen)
+        return error.square().mean()
+
+    return {"value_loss": _fit(loss, optimizer, training, orders)}
+
+
+def _update_inference(
+    batch: Batch, agent: Agent, optimizer: torch.optim.Adam, training: Training, orders: list[Array]
+) -> dict[str, float]:
+    def loss(chosen: Tensor) -> Tensor:
+        mean, std = agent.inference(rows(batch.window, chosen))
+        return -gaussian.log_prob(rows(batch.latent, chosen), mean, std).mean()
+
+    return {"inference_loss": _fit(loss, optimizer, training, orders)}
+
+
+def _fit(loss: Callable[[Tensor], Tensor], optimizer: torch.optim.Adam, training: Training, orders: list[Array]) -> float:
+    """Descend on the minibatches of every epoch; return the last loss."""
+    last = torch.zeros(())
     for order in orders:
         for chosen in minibatches(order, training.minibatch):
-            value = agent.value(
-                batch.observation[chosen], batch.privileged[chosen], batch.latent[chosen], batch.weights[chosen]
-            )
-            value_loss = (value - batch.value_target[chosen]).square().mean()
-            descend(optimizers.value, value_loss, training.max_grad_norm)
-            mean, std = agent.inference(batch.window[chosen])
-            inference_loss = -gaussian.log_prob(batch.latent[chosen], mean, std).mean()
-            descend(optimizers.inference, inference_loss, training.max_grad_norm)
-    return {"value_loss": float(value_loss.detach()), "inference_loss": float(inference_loss.detach())}
+            last = loss(chosen)
+            descend(optimizer, last, training.max_grad_norm)
+    return float(last.detach())

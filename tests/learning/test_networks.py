@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from skillcli.learning.agent import Actor, Agent, windows
-from skillcli.learning.networks import CLIP, Normalizer, affine, arranged, spread
+from skillcli.learning.networks import CLIP, Normalizer, affine, arranged, spread, tanh
 from skillcli.recipe import Recipe, load_recipe, resolve
 
 REACH = load_recipe("reach")
@@ -40,6 +40,17 @@ def test_the_normalizer_holds_mean_and_variance_of_all_it_has_seen() -> None:
     normal = (together - together.mean(0)) / np.sqrt(together.var(0) + 1e-6)
     np.testing.assert_allclose(normalizer(torch.from_numpy(together)), normal, atol=1e-3)
     assert normalizer(torch.full((1, 3), 1e6)).tolist() == [[CLIP] * 3]
+
+
+def test_the_fast_tanh_is_tanh_with_its_derivative() -> None:
+    x = torch.cat([torch.linspace(-12, 12, 2001), torch.tensor([-1e30, -100.0, -1e-6, 0.0, 1e-6, 100.0, 1e30])])
+    x.requires_grad_()
+    y = tanh(x)
+    y.backward(torch.full_like(x, 3.0))  # type: ignore[no-untyped-call]
+    exact = torch.tanh(x.detach().double())
+    np.testing.assert_allclose(y.detach(), exact, atol=2e-7)
+    assert x.grad is not None
+    np.testing.assert_allclose(x.grad, 3 * (1 - exact**2), atol=2e-6)
 
 
 def test_windows_repeat_the_first_observation_where_there_are_fewer() -> None:
