@@ -1,6 +1,7 @@
 # Everything runs from a local virtual environment; versions come from constraints.txt.
 PYTHON ?= python3
 BIN := .venv/bin
+PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist loadfile
 
 .PHONY: install demo test quick fuzz check bench docs clean
 
@@ -16,13 +17,13 @@ demo: install  # the main job: train eight reach skills on the Sawyer, compose, 
 	$(BIN)/skill demo
 
 test: install
-	$(BIN)/python -m pytest
+	$(PYTEST)
 
 quick: install  # what neither trains nor takes more than a moment: less than a minute
-	$(BIN)/python -m pytest -m "not slow"
+	$(PYTEST) -m "not slow"
 
 fuzz: install  # random damage to stored files and to HDF5's structures in them, a minute each; `make test` tries a little of it
-	SKILL_FUZZ=400 $(BIN)/python -m pytest tests/store/test_fuzz.py tests/store/test_structure_fuzz.py
+	SKILL_FUZZ=400 $(PYTEST) tests/store/test_fuzz.py tests/store/test_structure_fuzz.py
 
 check: install  # lint, format, types; the import rules are tests/test_imports.py
 	$(BIN)/ruff check .

@@ -94,9 +94,9 @@ NEEDS = {
     "object_push": ("push_rate",),
     "push_rate": ("arm_push", "object_push"),
 }
-# Parameters that only describe how or how often another one acts.
 # Parameters that are random during an episode, if they are not zero.
 BY_CHANCE = ("control_jitter", "joint_noise", "position_noise", "joint_drift", "position_drift", "push_rate")
+# Parameters that only describe how or how often another one acts.
 MANNERS = {others[0] for others in NEEDS.values() if len(others) == 1}
 RANGE_KEYS = {"uniform", "log_uniform", "one_of", "kind", "values"}  # keys of a range, as written and as stored
 IDENTITY = {name: 1.0 if parameter.unit == "factor" else 0.0 for name, parameter in PARAMETERS.items()}

@@ -11,7 +11,7 @@ import numpy as np
 from skillcli.kinds.arrays import TRAJECTORIES
 from skillcli.kinds.embed_means import EMBED_MEANS
 from skillcli.kinds.pretrain import PRETRAIN
-from skillcli.kinds.record import Measured, Point, Record, unsaid
+from skillcli.kinds.record import Measured, Point, Record, optional
 from skillcli.kinds.spec import CURVE, POSITIVE, WEIGHT, Array, Arrays, Field, KindSpec, Results, Sizes, counted, divided, index
 
 GOALS = "goals"
@@ -26,7 +26,7 @@ class PlannedSegment(Record):
     latent: tuple[float, ...]
     seconds: float
     route: int
-    latent_end: tuple[float, ...] | None = unsaid(None)  # of a blend
+    latent_end: tuple[float, ...] | None = optional(None)  # of a blend
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,19 +94,19 @@ class ComposeResults(Record):
     routes: int
     expanded_nodes: int
     simulated_robot_seconds: float
-    robot_seconds_with_returns: float | None = unsaid(None)
+    robot_seconds_with_returns: float | None = optional(None)
     plan_seconds: float
     segments: tuple[PlannedSegment, ...]
     waypoints: tuple[Waypoint, ...]
     final_distance_m: float  # the largest
     final_distances_m: tuple[float, ...]  # of each route
-    waypoints_met: bool | None = unsaid(None)  # regardless of limits; None: unknown
-    violations: Mapping[str, int] = unsaid({})  # control steps that violate each limit; empty if unknown
-    broken: tuple[Violation, ...] = unsaid(())
-    on: str = unsaid("")  # domain that was planned on, "" for the nominal simulation
-    robots: int = unsaid(1)  # that tried every latent
-    calibration: CalibrationResults | None = unsaid(None)  # of interpolations
-    notes: tuple[str, ...] | None = unsaid(None)  # what the method says of its plan, a line each
+    waypoints_met: bool | None = optional(None)  # regardless of limits; None: unknown
+    violations: Mapping[str, int] = optional({})  # control steps that violate each limit; empty if unknown
+    broken: tuple[Violation, ...] = optional(())
+    on: str = optional("")  # domain that was planned on, "" for the nominal simulation
+    robots: int = optional(1)  # that tried every latent
+    calibration: CalibrationResults | None = optional(None)  # of interpolations
+    notes: tuple[str, ...] | None = optional(None)  # what the method says of its plan, a line each
 
 
 @dataclass(frozen=True, kw_only=True)

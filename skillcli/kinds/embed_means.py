@@ -10,7 +10,7 @@ import numpy as np
 
 from skillcli.kinds.arrays import EMBEDDING, TRAJECTORIES
 from skillcli.kinds.pretrain import PRETRAIN
-from skillcli.kinds.record import Measured, Point, Record, unsaid
+from skillcli.kinds.record import Measured, Point, Record, optional
 from skillcli.kinds.spec import Array, Arrays, Field, KindSpec, Results, Sizes, counted, index
 
 
@@ -57,7 +57,7 @@ class EmbedMeansResults(Record):
     latent_goal_correlation: float | None
     efficiency: float | None
     inference_accuracy: float
-    map: MapQuality | None = unsaid(None)  # of skills that were trained with mixtures
+    map: MapQuality | None = optional(None)  # of skills that were trained with mixtures
 
 
 def _check(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Sizes) -> Iterator[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from skillcli.kinds.record import Interval, Record, unsaid
+from skillcli.kinds.record import Interval, Record, optional
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -12,10 +12,10 @@ class Distances(Record):
     """Final distances of episodes, m; None without stable episodes."""
 
     mean: float | None
-    p10: float | None = unsaid(None, null=True)
-    p25: float | None = unsaid(None, null=True)
+    p10: float | None = optional(None, null=True)
+    p25: float | None = optional(None, null=True)
     median: float | None
-    p75: float | None = unsaid(None, null=True)
+    p75: float | None = optional(None, null=True)
     p90: float | None
 
 
@@ -27,7 +27,7 @@ class Outcome(Record):
     successes: int
     success_rate: float
     ci95: Interval
-    deterministic: bool = unsaid(False)  # all episodes are the same: the interval has no width
-    unstable: int = unsaid(0)  # episodes in which the simulation diverged
-    gave_up: int = unsaid(0)  # replanned episodes that ended away from their goal
+    deterministic: bool = optional(False)  # all episodes are the same: the interval has no width
+    unstable: int = optional(0)  # episodes in which the simulation diverged
+    gave_up: int = optional(0)  # replanned episodes that ended away from their goal
     final_distance_m: Distances

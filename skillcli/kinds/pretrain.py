@@ -8,7 +8,7 @@ from typing import Any
 
 from skillcli.kinds.arrays import EMBEDDING, TRAJECTORIES
 from skillcli.kinds.outcome import Distances
-from skillcli.kinds.record import Interval, Measured, Point, Record, unsaid
+from skillcli.kinds.record import Interval, Measured, Point, Record, optional
 from skillcli.kinds.spec import CURVE, WEIGHT, Array, Field, KindSpec, Sizes, counted
 
 
@@ -67,9 +67,9 @@ class PretrainResults(Record):
     success_rate: float
     skills: tuple[TrainedSkill, ...]
     embedding: EmbeddingQuality
-    randomised: Randomised | None = unsaid(None, null=True)  # None: nothing was varied
-    observation: tuple[ObservedTerm, ...] = unsaid(())  # empty: an older one, which does not say
-    robot: TrainedRobot | None = unsaid(None)  # None: an older one, or a task without an arm
+    randomised: Randomised | None = optional(None, null=True)  # None: nothing was varied
+    observation: tuple[ObservedTerm, ...] = optional(())  # empty: an older one, which does not say
+    robot: TrainedRobot | None = optional(None)  # None: an older one, or a task without an arm
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,8 +77,8 @@ class Throughput(Record):
     """Control steps per second, and shares of the bare engine's; None if not measured."""
 
     env_steps_per_second: float
-    sampling_env_steps_per_second: float | None = unsaid(None, null=True)
-    physics_limit_env_steps_per_second: float | None = unsaid(None, null=True)
+    sampling_env_steps_per_second: float | None = optional(None, null=True)
+    physics_limit_env_steps_per_second: float | None = optional(None, null=True)
     sampling_ratio: float | None
     training_ratio: float | None
 
@@ -88,7 +88,7 @@ class PretrainMeasured(Measured):
     """Cost of a training."""
 
     wall_seconds: float
-    peak_memory_mb: float | None = unsaid(None, null=True)
+    peak_memory_mb: float | None = optional(None, null=True)
     throughput: Throughput
 
 

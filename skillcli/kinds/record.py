@@ -1,6 +1,6 @@
 """Results as frozen dataclasses: one declaration for writing JSON, checking it, and reading it.
 
-A field without a default is required, and null only if its type allows None. `unsaid` declares the others.
+A field without a default is required, and null only if its type allows None. `optional` declares the others.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def point(xyz: Iterable[float]) -> Point:
     return x, y, z
 
 
-def unsaid(meaning: Any, *, null: bool = False) -> Any:
+def optional(meaning: Any, *, null: bool = False) -> Any:
     """Declare a field that may be missing: an earlier skill did not write it, or there was nothing to write.
 
     Args:
@@ -88,7 +88,7 @@ class Origin(Record):
 class Measured(Record):
     """Values that differ between equal runs and are not hashed."""
 
-    migrated_from: Origin | None = unsaid(None)
+    migrated_from: Origin | None = optional(None)
 
 
 def slots(record: type[Record]) -> tuple[Slot, ...]:

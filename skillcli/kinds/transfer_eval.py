@@ -13,7 +13,7 @@ from skillcli.kinds.compose import COMPOSE
 from skillcli.kinds.embed_means import EMBED_MEANS
 from skillcli.kinds.outcome import Distances, Outcome
 from skillcli.kinds.pretrain import PRETRAIN
-from skillcli.kinds.record import Interval, Measured, Record, rest, unsaid
+from skillcli.kinds.record import Interval, Measured, Record, optional, rest
 from skillcli.kinds.spec import COUNT, Array, Field, KindSpec, Sizes
 
 _ROUNDING = 1e-9
@@ -26,8 +26,8 @@ class SourceResults(Record):
     success_rate: float
     episodes: int
     final_distance_m: float
-    success_rate_within_limits: float | None = unsaid(None)
-    violations: Mapping[str, int] = unsaid({})  # episodes that violate each limit; empty if unknown
+    success_rate_within_limits: float | None = optional(None)
+    violations: Mapping[str, int] = optional({})  # episodes that violate each limit; empty if unknown
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,14 +53,14 @@ class DomainResults(Outcome):
 
     name: str
     retention: float | None  # target success over source success; None where that is zero
-    gap: float | None = unsaid(None)  # source success minus target success
-    gap_ci95: Interval | None = unsaid(None)
-    successes_within_limits: int | None = unsaid(None)
-    violations: Mapping[str, int] = unsaid({})  # episodes that violate each limit; empty if unknown
-    replay_error_m: Distances | None = unsaid(None)
-    worst: tuple[WorstEpisode, ...] = unsaid(())  # the farthest first
+    gap: float | None = optional(None)  # source success minus target success
+    gap_ci95: Interval | None = optional(None)
+    successes_within_limits: int | None = optional(None)
+    violations: Mapping[str, int] = optional({})  # episodes that violate each limit; empty if unknown
+    replay_error_m: Distances | None = optional(None)
+    worst: tuple[WorstEpisode, ...] = optional(())  # the farthest first
     parameters: Mapping[str, str]
-    sensitivity: tuple[Alone, ...] | None = unsaid(None)  # None: not asked for
+    sensitivity: tuple[Alone, ...] | None = optional(None)  # None: not asked for
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,15 +78,15 @@ class TransferEvalResults(Record):
 
     source: SourceResults
     domains: tuple[DomainResults, ...]
-    robot: TargetRobot | None = unsaid(None, null=True)  # None: the source's
-    replanned: bool = unsaid(False)
+    robot: TargetRobot | None = optional(None, null=True)  # None: the source's
+    replanned: bool = optional(False)
 
 
 @dataclass(frozen=True, kw_only=True)
 class TransferEvalMeasured(Measured):
     """Cost of replanning."""
 
-    seconds_per_plan: float | None = unsaid(None)
+    seconds_per_plan: float | None = optional(None)
 
 
 def _check(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Sizes) -> Iterator[str]:

@@ -15,7 +15,7 @@ import numpy as np
 
 import skillcli.robots.quiet  # noqa: F401
 from skillcli.errors import UsageError
-from skillcli.robots.effort import check_effort
+from skillcli.robots.model_size import check_size
 
 _AT_JOINT = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 _PACKAGE = "package://"  # begins the names of files in URDF
@@ -63,7 +63,7 @@ def read_mjcf(path: Path) -> mujoco.MjSpec:
     if not there:
         raise UsageError(f"model: no file {str(path)[:300]}", "the path is relative to the robot file")
     try:
-        check_effort(path)
+        check_size(path)
     except OSError as error:
         raise UsageError(f"model: {path.name} cannot be read: {error.strerror or error}", "see who may read it") from None
     try:
@@ -116,7 +116,7 @@ def compile_model(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise UsageError(
             f"model: MuJoCo cannot compile {path.name}: {_line(error)}",
-            "a link whose meshes are missing needs an <inertial> of its own" if "mass" in str(error) else "mend the MJCF",
+            "a link whose meshes are missing needs an <inertial> of its own" if "mass" in str(error) else "fix the MJCF file",
         ) from error
 
 
@@ -132,11 +132,11 @@ def check_numbers(model: mujoco.MjModel, path: Path) -> None:
     """
     for name in ("dof_armature", "dof_damping", "dof_frictionloss", "jnt_stiffness"):
         if (getattr(model, name) < 0).any():
-            raise UsageError(f"model: {path.name} has a negative {name.split('_')[1]} of a joint", "mend the MJCF")
+            raise UsageError(f"model: {path.name} has a negative {name.split('_')[1]} of a joint", "fix the MJCF file")
     numbers = [*_numbers(model.opt), *sorted(_numbers(model), key=lambda pair: _derived(pair[0]))]
     for name, values in numbers:
         if not (np.abs(values) < LARGEST).all():
-            raise UsageError(f"model: {path.name} has a number that is not finite, or absurd, in {name}", "mend the MJCF")
+            raise UsageError(f"model: {path.name} has a number that is not finite, or absurd, in {name}", "fix the MJCF file")
 
 
 def _derived(name: str) -> bool:
@@ -186,7 +186,7 @@ def _readable(file: str) -> bool:
 
 
 def balance_inertia(spec: mujoco.MjSpec) -> list[str]:
-    """Let MuJoCo mend inertias that no body can have, which it else refuses: often in URDF; returns a note of that."""
+    """Let MuJoCo repair inertias that no body can have, which it else refuses: often in URDF; returns a note of that."""
     wrong = [body.name for body in spec.bodies[1:] if body.explicitinertial and not _is_possible(body)]
     if not wrong or spec.compiler.balanceinertia:
         return []

@@ -31,7 +31,7 @@ from skillcli.trajectories import Array
 
 DISTANCES = (0.45, 0.4, 0.5, 0.35, 0.55, 0.3, 0.25)  # of the start from the base, as shares of the reach
 HEIGHTS = (0.17, 0.25, 0.33)  # of the start above the table, likewise
-NEAR = 0.2  # of a place at least one of many random postures comes, if it is within reach at all, likewise
+NEAR = 0.2  # a place that no random posture comes as near to as this is out of reach, likewise
 AROUND = 0.08  # places that have to be within reach lie this far around the start, likewise
 FINGER_GAPS = (0.0, 0.01, 0.02, 0.04, 0.06)  # m that our finger is mounted farther out where it would stand in the hand
 ASTRAY = 0.5  # share of a step that a joint may be off in the end, before its servo counts as none
@@ -137,7 +137,7 @@ def _answers_well(draft: _Draft) -> bool:
 
 def _follows(responses: list[Response]) -> bool:
     """Whether every joint gets somewhere near where it is told to be."""
-    return all(response.left <= ASTRAY for response in responses)
+    return all(response.error <= ASTRAY for response in responses)
 
 
 def _servos(model: mujoco.MjModel, chain: Chain) -> dict[str, Any] | None:
@@ -251,7 +251,7 @@ def _told(
     if "gains" in draft.keys:
         if model.nu and _servos(model, chain) is not None:
             guessed.append("the model's own servos do not hold the arm: ours replace them")
-        worst, left = max(each.overshoot for each in responses), max(each.left for each in responses)
+        worst, left = max(each.overshoot for each in responses), max(each.error for each in responses)
         guessed.append(
             "gains are those of critically damped servos for the inertia of the links; "
             f"a step overshoots by {100 * abs(worst):.0f} %, and ends {100 * left:.0f} % off"

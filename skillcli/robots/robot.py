@@ -34,6 +34,9 @@ from skillcli.trajectories import Array
 TRIED_TIMESTEP = 0.005  # s, of a `verbatim` model until a task sets its own
 
 
+SPEED_SHARE = 0.95  # share of a joint's largest speed that commands may ask for
+
+
 @dataclass(frozen=True, eq=False)
 class Robot:
     """An arm of n joints with its scene.
@@ -79,6 +82,11 @@ class Robot:
     def start(self, task: str) -> tuple[float, ...]:
         """Return the joint vector at reset for a task, (n,) rad."""
         return self.description.starts.get(task, self.home)
+
+    def largest_action(self, usual: float, period: float) -> float:
+        """Return the largest joint increment per control step, rad: the usual one, or what the slowest joint can follow."""
+        slowest = float(np.min(self.speed_limit))
+        return min(usual, float(np.floor(SPEED_SHARE * slowest * period * 1000) / 1000)) if np.isfinite(slowest) else usual
 
     def arm_spec(self, start: tuple[float, ...], timestep: float, period: float, delay: bool = False) -> mujoco.MjSpec:
         """Copy arm and table for a task to add its parts.
@@ -129,7 +137,7 @@ class Robot:
             if self.model.jnt_limited[joint.id] and not low <= angle <= high:
                 raise UsageError(
                     f"start: joint {joint_name!r} at {angle:g} rad is outside of its range {low:g} .. {high:g}",
-                    "mend `start`" if self.description.start else "the task starts there; give a `start` within the ranges",
+                    "fix `start`" if self.description.start else "the task starts there; give a `start` within the ranges",
                 )
         for servo, joint_name, angle in zip(self.names.servos, shown, start, strict=True):
             address = self.model.actuator_ctrladr[self.model.actuator(servo).id]
@@ -137,7 +145,7 @@ class Robot:
             if self.model.actuator_ctrllimited[address] and not low <= angle <= high:
                 raise UsageError(
                     f"start: joint {joint_name!r} starts at {angle:g} rad, and its servo takes {low:g} .. {high:g} rad only",
-                    "mend the servo's ctrlrange, or give a `start` within it",
+                    "fix the servo's ctrlrange, or give a `start` within it",
                 )
 
     def _timestep(self, period: float, own: float) -> float:

@@ -165,7 +165,7 @@ def _delay_of(model: mujoco.MjModel, joint: str, i: int) -> float:
     delay = float(model.actuator_delay[i])
     if not 0 <= delay <= LATEST:
         raise UsageError(
-            f"model: the actuator of {joint!r} is {delay:g} s late, at most {LATEST:g} s are taken", "mend the MJCF"
+            f"model: the actuator of {joint!r} is {delay:g} s late, at most {LATEST:g} s are taken", "fix the MJCF file"
         )
     return delay
 

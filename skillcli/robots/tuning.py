@@ -17,7 +17,7 @@ MOTOR_ACCELERATION = 250.0  # rad/s²: a geared motor brings itself to about tha
 LIGHTEST = 0.02  # kg·m², of a joint whose torque is not known
 STEP, STEPS, PERIOD = 0.04, 5, 0.05  # rad, and how many such commands at 20 Hz
 SETTLED_SECONDS = 0.6
-OVERSHOOT, LEFT = 0.15, 0.02  # shares of the step that a good servo may overshoot, and may be off in the end
+OVERSHOOT, FINAL_ERROR = 0.15, 0.02  # largest of a good servo, as shares of the step
 
 
 class Gains(NamedTuple):
@@ -31,12 +31,12 @@ class Response(NamedTuple):
     """How a joint answers a step, as shares of the step."""
 
     overshoot: float
-    left: float  # of the way, in the end
+    error: float  # in the end
 
     @property
     def good(self) -> bool:
         """Whether a policy can be trained on such a servo."""
-        return self.overshoot <= OVERSHOOT and self.left <= LEFT
+        return self.overshoot <= OVERSHOOT and self.error <= FINAL_ERROR
 
 
 def propose_gains(model: mujoco.MjModel, joints: tuple[str, ...], torque: Array, bandwidth: float) -> Gains:

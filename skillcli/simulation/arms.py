@@ -200,8 +200,9 @@ class ArmBatch:
             latency: (N,) physics steps of this control step during which the previous commands still hold.
 
         Returns:
-            (N, J) rad: how far the commanded targets moved, after clipping to the action limit, to what the arm may be led by,
-            and to the joint range. More than the action limit only where an arm that is pushed takes its target along.
+            (N, J) rad: how far the commanded targets moved, after clipping to the action limit, to at most `MAX_TRACKING_ERROR`
+            from the measured joint angle, and to the joint range. More than the action limit only where an arm that is pushed
+            takes its target along.
         """
         increment = np.clip(increment, -self.action_limit, self.action_limit)
         measured, wanted = self.joint_position, self._ctrl + increment

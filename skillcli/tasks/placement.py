@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from skillcli.errors import UsageError
 from skillcli.robots.config import DEFAULT_ROBOT, blaming, bundled_file, describe_robot
 from skillcli.robots.robot import Robot
@@ -13,7 +11,6 @@ from skillcli.simulation.settings import ArmTask
 
 SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3)  # of the task's size, after scaling to the arm's reach
 ROOM = 1.15  # places farther from the middle by this factor must be within reach too
-SPEED_SHARE = 0.95  # share of a joint's largest speed that commands may ask for
 
 
 def relative_reach(robot: Robot) -> float:
@@ -35,12 +32,6 @@ def given_start(task: ArmTask, robot: Robot, of_file: Sequence[float] | None) ->
     with blaming(robot.path):
         robot.check_start(tuple(start))
     return tuple(start)
-
-
-def largest_action(robot: Robot, usual: float, period: float) -> float:
-    """Return the largest joint increment per control step, rad: the usual one, or less if the slowest joint cannot follow."""
-    slowest = float(np.min(robot.speed_limit))
-    return min(usual, float(np.floor(SPEED_SHARE * slowest * period * 1000) / 1000)) if np.isfinite(slowest) else usual
 
 
 def no_place(robot: Robot, task: str, keys: str) -> UsageError:

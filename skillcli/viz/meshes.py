@@ -14,7 +14,7 @@ from skillcli.viz.kinematics import drawn_geoms, geom_color
 
 
 class Detail(Enum):
-    """How faithfully meshes are drawn, the largest files first: vertices of one cell of a grid are one vertex."""
+    """How faithfully meshes are drawn, from fine to coarse. Vertices in one cell of a grid are merged."""
 
     FINE = "triangles on a grid of 1 mm"
     COARSE = "triangles on a grid of 3 mm"

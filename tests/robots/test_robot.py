@@ -12,7 +12,7 @@ from worlds import JOINTS, SAWYER, make_env, target_robot
 
 from skillcli.config.randomization import sample
 from skillcli.errors import UsageError
-from skillcli.robots.effort import MAX_BYTES
+from skillcli.robots.model_size import MAX_BYTES
 from skillcli.robots.posture import gripper_and_axes
 from skillcli.robots.robot import Robot, load_robot
 from skillcli.simulation.arm_environment import ArmEnvironment
@@ -383,7 +383,7 @@ REFUSED = [
     (TORQUE.replace("torque.xml", "x" * 5000), MODEL, "model: no file", "relative to the robot file"),
     ("speed_limit = [1, 1, 1, 0, 1, 1, 1]\n" + TORQUE, MODEL, "speed_limit: every speed must be positive", "robots.md"),
     (TORQUE + "\n[base]\npos = [1e300, 0, 0]", MODEL, "base: pos must lie within 10 m", "robots.md"),
-    *((TORQUE, MODEL.replace(old, new), said, "mend") for old, new, said in (
+    *((TORQUE, MODEL.replace(old, new), said, "fix the MJCF file") for old, new, said in (
         ('armature="0.6"', 'armature="nan"', "not finite, or absurd, in dof_armature"),
         ('armature="0.6"', 'armature="-5"', "a negative armature of a joint"),
         ('"-3.0439 3.0439"', '"nan 3"', "not finite, or absurd, in jnt_range"),
@@ -403,7 +403,7 @@ REFUSED = [
     (TORQUE, MODEL.replace("<worldbody>", '<include file="robot.toml"/><worldbody>', 1), "cannot be read as MJCF", "XML"),
     (TORQUE, MODEL.replace("<worldbody>", '<include file="none.xml"/><worldbody>', 1), "opening file 'none.xml'", "XML"),
     (TORQUE, '<robot name="x"><link name="a"/></robot>', "no joint 'base_yaw'", "none"),
-    (WITHOUT_GAINS, driven_by('<position joint=J kp="500" kv="50" delay="1e9" nsample="3"/>'), "1e.09 s late", "mend"),
+    (WITHOUT_GAINS, driven_by('<position joint=J kp="500" kv="50" delay="1e9" nsample="3"/>'), "1e.09 s late", "fix"),
 ]  # fmt: skip
 
 

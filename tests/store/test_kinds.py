@@ -18,7 +18,7 @@ from skillcli.errors import StoreError
 from skillcli.evaluation.consistency import check_meaning
 from skillcli.kinds import COMPOSE, EMBED_MEANS, KINDS, ByKind, kind_spec
 from skillcli.kinds.arrays import TRAJECTORIES
-from skillcli.kinds.record import Record, rest, unsaid
+from skillcli.kinds.record import Record, optional, rest
 from skillcli.kinds.spec import Field
 from skillcli.store import STAGES, Artifact, ArtifactId, Draft, Store
 from skillcli.store.results import complaints
@@ -174,9 +174,9 @@ class Part(Record):
 class Whole(Record):
     parts: tuple[Part, ...]
     end: tuple[float, float]
-    counts: int = unsaid(3)
-    angle: float | None = unsaid(None)
-    robot: Part | None = unsaid(None, null=True)
+    counts: int = optional(3)
+    angle: float | None = optional(None)
+    robot: Part | None = optional(None, null=True)
 
 
 def test_a_record_is_written_and_read_as_the_same() -> None:

@@ -12,7 +12,7 @@ from skillcli.errors import UsageError
 from skillcli.recipe import load_recipe, resolve
 from skillcli.robots.inverse_kinematics import Kinematics
 from skillcli.robots.robot import load_robot
-from skillcli.tasks.placement import largest_action, relative_reach
+from skillcli.tasks.placement import relative_reach
 from skillcli.tasks.push.placement import place_push
 from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.reach.placement import place_reach
@@ -63,9 +63,9 @@ def test_actions_keep_to_what_the_slowest_joint_can_follow(tmp_path: Path) -> No
     slow = tmp_path / "slow.toml"
     text = TORQUE.read_text(encoding="utf-8").replace('"torque.xml"', f'"{TORQUE.with_suffix(".xml")}"')
     slow.write_text(text.replace("joints =", "speed_limit = [2, 2, 2, 0.5, 2, 2, 2]\njoints =", 1), encoding="utf-8")
-    assert largest_action(load_robot(slow), 0.04, 0.05) == 0.023, "0.95 of 0.5 rad/s in 0.05 s, in whole mrad"
+    assert load_robot(slow).largest_action(0.04, 0.05) == 0.023, "0.95 of 0.5 rad/s in 0.05 s, in whole mrad"
     assert resolve({"name": "t", "robot": str(slow), "task": {"name": "reach"}}).task.action_scale == 0.023
-    assert largest_action(SAWYER, 0.04, 0.05) == 0.04
+    assert SAWYER.largest_action(0.04, 0.05) == 0.04
 
 
 def test_an_arm_without_room_is_refused_in_one_line(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from skillcli.robots.inverse_kinematics import Kinematics
 from skillcli.robots.robot import Robot
 from skillcli.robots.scene import TABLE_TOP
 from skillcli.robots.start import POINTS_DOWN, find_start
-from skillcli.tasks.placement import given_start, largest_action, no_place
+from skillcli.tasks.placement import given_start, no_place
 from skillcli.tasks.push.settings import PushTask
 from skillcli.trajectories import Array
 
@@ -33,7 +33,7 @@ def place_push(task: PushTask, robot: Robot) -> dict[str, Any]:
     return {
         "box_start": box,
         "start": start,
-        "action_limit": largest_action(robot, task.action_limit, task.control_period),
+        "action_limit": robot.largest_action(task.action_limit, task.control_period),
     }
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from skillcli.robots.inverse_kinematics import Kinematics
 from skillcli.robots.robot import Robot
 from skillcli.robots.start import find_start
-from skillcli.tasks.placement import ROOM, SCALES, given_start, largest_action, no_place, relative_reach
+from skillcli.tasks.placement import ROOM, SCALES, given_start, no_place, relative_reach
 from skillcli.tasks.reach.settings import ReachTask
 from skillcli.trajectories import Array
 
@@ -28,7 +28,7 @@ def place_reach(task: ReachTask, robot: Robot) -> dict[str, Any]:
     return {
         "goals": [[round(float(x), 3) for x in goal] for goal in goals],
         "start": list(start),
-        "action_limit": largest_action(robot, task.action_limit, task.control_period),
+        "action_limit": robot.largest_action(task.action_limit, task.control_period),
     }
 
 

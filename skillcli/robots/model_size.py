@@ -1,4 +1,4 @@
-"""Bound what a model file makes MuJoCo build: a few lines can ask for more memory than any machine has."""
+"""Refuse model files that would need too much memory: a few lines can ask for more than any machine has."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MAKES = {
 }
 
 
-def check_effort(path: Path, seen: frozenset[Path] = frozenset()) -> None:
+def check_size(path: Path, seen: frozenset[Path] = frozenset()) -> None:
     """Refuse a file that is huge or makes a huge model, also through its includes. MuJoCo refuses what is not XML.
 
     Raises:
@@ -47,7 +47,7 @@ def check_effort(path: Path, seen: frozenset[Path] = frozenset()) -> None:
                 f"at most {most:g} can be made",
             )
         if element.tag == "include":
-            check_effort(path.parent / element.get("file", ""), seen | {path})
+            check_size(path.parent / element.get("file", ""), seen | {path})
         left += [(child, copies * made if element.tag == "replicate" else copies) for child in element]
 
 
