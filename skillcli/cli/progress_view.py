@@ -69,7 +69,7 @@ class Clock:
         if done <= 0:
             return "?"
         each = (self._moved - self._began) / done
-        seconds = round(each * (progress.total - progress.done) - min(each, now - self._moved))
+        seconds = max(0, round(each * (progress.total - progress.done) - min(each, now - self._moved)))
         return f"{seconds // 60}:{seconds % 60:02d}"
 
 

@@ -93,6 +93,9 @@ def _between(halfway: Sequence[Halfway]) -> list[Table]:
     return [table]
 
 
+RELIABLE = 0.9  # predicted success from which on a plan may be sent blindly
+
+
 @TABLES.register(COMPOSE)
 def plan(artifact: Artifact) -> Group:
     """List every waypoint of a composition."""
@@ -110,6 +113,12 @@ def plan(artifact: Artifact) -> Group:
         steps = "; ".join(
             " ".join(f"{each.skill}:{each.seconds:.2f}s" for each in found.segments if each.route == route)
             for route in range(found.routes)
+        )
+    if (ahead := found.predicted) is not None:
+        low, high = ahead.ci95
+        limits.append(
+            f"sent blindly to {ahead.domain} robots, {ahead.successes} of {ahead.robots} succeed ({low:.0%}–{high:.0%})"
+            + ("" if ahead.success_rate >= RELIABLE else "; look on the way: skill transfer-eval --replan")
         )
     effort = f"planned in {COMPOSE.measured_of(artifact).planning_seconds:.1f} s, {found.expanded_nodes} nodes"
     caption = "\n".join([f"{met}, {ends}; {effort}", *limits, f"plan {steps}"])

@@ -13,7 +13,7 @@ from skillcli.evaluation.sampled_robots import SampledRobots
 from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL
 from skillcli.recipe import Recipe
 from skillcli.robots.robot import Robot
-from skillcli.simulation.domains import find_domains
+from skillcli.simulation.domains import find_domain, find_domains
 from skillcli.store import Artifact, Parent
 from skillcli.tasks.world import World
 
@@ -53,6 +53,7 @@ def compose_inputs(
     source: Artifact | Parent, recipe: Recipe, world: World, request: Request, method: str, seed: int = 0, on: str = ""
 ) -> str:
     """Return the fingerprint of a composition; `world` is that of the recipe."""
+    others = find_domain(recipe.compose.robots)
     parts: list[Any] = [
         source.content_sha256,
         method,
@@ -60,6 +61,7 @@ def compose_inputs(
         request.task,
         request.waypoints,
         request.route,
+        {"predicted": [others.name, str(sorted(others.parameters.items()))]},
     ]
     robots = robots_for(recipe, world, method, on, seed)
     if robots.parameters or on:

@@ -31,9 +31,9 @@ class TargetRobots:
     episodes: int = 1  # E
 
     @staticmethod
-    def drawn(domain: Domain, episodes: int, seed: int, joints: int) -> TargetRobots:
-        """Draw by domain and seed only: every plan meets the same robots, and more episodes begin with the same ones."""
-        rngs = [generator(seed, f"domain {domain.name} {episode}") for episode in range(episodes)]
+    def drawn(domain: Domain, episodes: int, seed: int, joints: int, use: str = "domain") -> TargetRobots:
+        """Draw by domain, seed and use only: every plan meets the same robots, and more episodes begin with the same ones."""
+        rngs = [generator(seed, f"{use} {domain.name} {episode}") for episode in range(episodes)]
         return TargetRobots(domain.name, sample_each(domain.parameters, rngs, joints), domain.parameters, episodes)
 
     @property

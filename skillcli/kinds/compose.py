@@ -11,7 +11,7 @@ import numpy as np
 from skillcli.kinds.arrays import TRAJECTORIES
 from skillcli.kinds.embed_means import EMBED_MEANS
 from skillcli.kinds.pretrain import PRETRAIN
-from skillcli.kinds.record import Measured, Point, Record, optional
+from skillcli.kinds.record import Interval, Measured, Point, Record, optional
 from skillcli.kinds.spec import CURVE, POSITIVE, WEIGHT, Array, Arrays, Field, KindSpec, Results, Sizes, counted, divided, index
 
 GOALS = "goals"
@@ -84,6 +84,17 @@ class CalibrationResults(Calibrated):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Prediction(Record):
+    """How often the plan succeeds when it is sent blindly, on robots drawn from a domain."""
+
+    domain: str
+    robots: int
+    successes: int
+    success_rate: float
+    ci95: Interval
+
+
+@dataclass(frozen=True, kw_only=True)
 class ComposeResults(Record):
     """Results of a composition."""
 
@@ -105,6 +116,7 @@ class ComposeResults(Record):
     broken: tuple[Violation, ...] = optional(())
     on: str = optional("")  # domain that was planned on, "" for the nominal simulation
     robots: int = optional(1)  # that tried every latent
+    predicted: Prediction | None = optional(None)  # of the plan sent blindly
     calibration: CalibrationResults | None = optional(None)  # of interpolations
     notes: tuple[str, ...] | None = optional(None)  # what the method says of its plan, a line each
 
