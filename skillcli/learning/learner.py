@@ -15,7 +15,7 @@ from skillcli.errors import SkillError
 from skillcli.learning import te_ppo
 from skillcli.learning.agent import Agent
 from skillcli.learning.mixtures import MIXED, Mixer
-from skillcli.learning.rollout import Rollout, StartPool, VectorEnvironment, collect
+from skillcli.learning.rollout import WAY, Rollout, StartPool, VectorEnvironment, collect
 from skillcli.learning.saved import OF_MIXTURES, check_saved
 from skillcli.learning.settings import LearningRecipe
 from skillcli.seeding import generator
@@ -38,7 +38,9 @@ class Learner:
 
     def __init__(self, env: VectorEnvironment, recipe: LearningRecipe, seed: int) -> None:
         self.env, self.recipe = env, recipe
-        self.agent = Agent(recipe, env.observation_size, env.action_size, env.goals, seed, env.privileged_size)
+        self.sees_goal = recipe.network.value_sees_goal
+        aside = env.privileged_size + WAY * self.sees_goal
+        self.agent = Agent(recipe, env.observation_size, env.action_size, env.goals, seed, aside)
         self.mixer = Mixer.of(recipe.mixtures, env.goals)
         self.optimizers = te_ppo.Optimizers.of(self.agent, recipe.training.learning_rate)
         self.pool = StartPool(POOL_CAPACITY)
@@ -64,7 +66,7 @@ class Learner:
         self.agent.policy.bound(te_ppo.annealed_std(training.final_action_std, training.settle_from, progress))
         self._randomise()
         mixer = replace(self.mixer, share=self.recipe.mixtures.share_at(progress))
-        rollout = collect(self.env, self.agent, self.pool, training.chained_starts, self.rng, mixer)
+        rollout = collect(self.env, self.agent, self.pool, training.chained_starts, self.rng, mixer, self.sees_goal)
         seen = (torch.from_numpy(rollout.observation).flatten(0, 1), torch.from_numpy(rollout.privileged).flatten(0, 1))
         if self.iteration == 0:  # the first update needs statistics to normalise with
             self.agent.update_normalizers(*seen)

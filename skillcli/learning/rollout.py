@@ -79,6 +79,22 @@ class Rollout:
     seconds: float  # wall time, including resets and drawing of noise
 
 
+WAY = 4  # numbers that say the way to the goal
+
+
+def privileged(env: VectorEnvironment, sees_goal: bool) -> Array:
+    """Return what the value function alone observes, (N, p): what the task shows it, and maybe the way to the goal.
+
+    That way, (3,) m, and its length are most of what the return depends on. A value function that has to learn them from
+    skill and state is wrong for long, and advantages are noise until then.
+    """
+    shown = env.privileged()
+    if not sees_goal:
+        return shown
+    way = env.desired_goal - env.achieved_goal()
+    return np.concatenate([shown, way, np.linalg.norm(way, axis=1, keepdims=True)], axis=1).astype(np.float32)
+
+
 class StartPool(RingBuffer):
     """States passed in earlier rollouts, to start new episodes from."""
 
@@ -113,9 +129,25 @@ def start_episodes(env: VectorEnvironment, pool: StartPool, chained: float, rng:
 
 @torch.no_grad()
 def collect(
-    env: VectorEnvironment, agent: Agent, pool: StartPool, chained: float, rng: np.random.Generator, mixer: Mixer = UNMIXED
+    env: VectorEnvironment,
+    agent: Agent,
+    pool: StartPool,
+    chained: float,
+    rng: np.random.Generator,
+    mixer: Mixer = UNMIXED,
+    sees_goal: bool = False,
 ) -> Rollout:
-    """Run one episode in every simulation, and keep some of the passed states for later starts."""
+    """Run one episode in every simulation, and keep some of the passed states for later starts.
+
+    Args:
+        env: N simulations.
+        agent: acts.
+        pool: of passed states.
+        chained: share of the episodes that begin in one of these.
+        rng: of skills, latents, starts and exploration.
+        mixer: makes mixtures of some skills.
+        sees_goal: whether the value function observes the way to the goal.
+    """
     started = time.perf_counter()
     steps, num_envs = env.horizon, env.num_envs
     skill, weights = mixer.mix(start_episodes(env, pool, chained, rng), agent.skills, rng)
@@ -128,7 +160,7 @@ def collect(
     kept_moments = set(rng.choice(steps, size=min(pool.SNAPSHOTS, steps), replace=False).tolist())
 
     observation = np.empty((steps + 1, num_envs, env.observation_size), dtype=np.float32)
-    privileged = np.empty((steps + 1, num_envs, env.privileged_size), dtype=np.float32)
+    aside = np.empty((steps + 1, num_envs, env.privileged_size + WAY * sees_goal), dtype=np.float32)
     action = np.empty((steps, num_envs, env.action_size), dtype=np.float32)
     reward = np.empty((steps, num_envs), dtype=np.float32)
     terminated, valid = np.zeros((steps, num_envs), dtype=bool), np.ones((steps, num_envs), dtype=bool)
@@ -137,12 +169,12 @@ def collect(
     terms = dict.fromkeys(env.reward_names, 0.0)
     act = Actor(agent, latent)
 
-    observation[0], privileged[0] = env.observe(), env.privileged()
+    observation[0], aside[0] = env.observe(), privileged(env, sees_goal)
     for t in range(steps):
         np.add(act(observation[t]), exploration[t], out=action[t])
         step = env.step(action[t])
         observation[t + 1], reward[t], terminated[t], valid[t] = step.observation, step.reward, step.terminated, alive
-        privileged[t + 1] = env.privileged()
+        aside[t + 1] = privileged(env, sees_goal)
         alive &= ~step.terminated
         for name, values in step.reward_terms.items():
             terms[name] += float(values @ alive)
@@ -151,7 +183,7 @@ def collect(
     seconds = time.perf_counter() - started
     return Rollout(
         observation=observation,
-        privileged=privileged,
+        privileged=aside,
         action=action,
         reward=reward,
         reward_terms={name: total / num_envs for name, total in terms.items()},

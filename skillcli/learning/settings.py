@@ -6,7 +6,7 @@ from typing import Any, Literal, Protocol
 
 from pydantic import model_validator
 
-from skillcli.config.base import Section, value
+from skillcli.config.base import Section, optional_value, value
 from skillcli.config.randomization import Randomisation, Span, check_span, phased_in
 
 MAX_LAYERS = 16
@@ -46,6 +46,10 @@ class Network(Section):
     value_hidden: tuple[int, ...] = value((128, 128), "hidden layers of the value function", "units", max_length=MAX_LAYERS)
     inference_hidden: tuple[int, ...] = value(
         (64, 64), "hidden layers of the inference network", "units", max_length=MAX_LAYERS
+    )
+    value_sees_goal: bool = optional_value(
+        False,
+        "the value function also observes the way to the goal; policy and skills never do, and it is used in training only",
     )
     initial_action_std: float = value(0.6, "exploration at the start, in units of the action limit", "", ge=0.02, le=1)
 

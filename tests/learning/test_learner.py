@@ -15,7 +15,7 @@ from worlds import SAWYER, make_env
 from skillcli.learning import te_ppo
 from skillcli.learning.agent import windows
 from skillcli.learning.learner import Learner
-from skillcli.learning.rollout import StartPool, collect, start_episodes
+from skillcli.learning.rollout import WAY, StartPool, collect, privileged, start_episodes
 from skillcli.learning.saved import curve_names
 from skillcli.recipe import Recipe, load_recipe, resolve
 from skillcli.simulation.environment import Step
@@ -281,6 +281,31 @@ def test_chained_episodes_begin_where_earlier_ones_passed() -> None:
     assert float(passed.mean()) == pytest.approx(0.7, abs=0.06)
     np.testing.assert_array_equal(env.desired_goal, env.goals[skills])
     assert np.bincount(skills).tolist() == [100] * 4
+
+
+def test_a_value_function_may_see_the_way_to_the_goal_and_nothing_else_does() -> None:
+    recipe = resolve(RECIPE.model_dump(mode="json"), ["network.value_sees_goal=true", "training.chained_starts=0.0"])
+    trained = learner(recipe=recipe)
+    rollout = collect(trained.env, trained.agent, trained.pool, 0.0, trained.rng, sees_goal=True)
+    assert rollout.privileged.shape == (11, 8, WAY) and rollout.observation.shape == (11, 8, 2)
+    np.testing.assert_allclose(rollout.privileged[0], np.c_[trained.env.goals[rollout.skill], np.full(8, 3.0)], rtol=1e-6)
+    np.testing.assert_allclose(rollout.privileged[1:, :, -1], -rollout.reward, rtol=1e-5)
+    plain = learner()
+    assert trained.agent.policy.body[0].in_features == plain.agent.policy.body[0].in_features
+    assert trained.agent.value.body[0].in_features == plain.agent.value.body[0].in_features + WAY
+    resumed = run(learner(recipe=recipe), 1)
+    resumed.load(*run(trained, 2).state())
+    assert same(run(resumed, 1), run(trained, 1))
+
+
+def test_what_a_task_shows_the_value_function_comes_before_the_way() -> None:
+    env = Perturbed(PointTask(), 3)
+    env.reset(np.arange(3), np.array([0, 1, 2]))
+    env.randomize({"gain": np.array([[1.0], [2.0], [3.0]])}, np.random.default_rng(0))
+    shown = privileged(env, True)
+    assert shown.dtype == np.float32
+    np.testing.assert_allclose(shown, [[0.1, 0, 3, 0, 3], [0.2, 3, 0, 0, 3], [0.3, 0, -3, 0, 3]], rtol=1e-6)
+    np.testing.assert_array_equal(privileged(env, False), env.privileged())
 
 
 class Perturbed(PointEnvironment):
