@@ -42,13 +42,14 @@ class Stored(Protocol):
 
 
 LARGEST = 1e12  # largest value: metres, radians, seconds, rewards
+LARGEST_OF_CURVE = 1e100  # single precision ends far below, and a picture of it can still be computed
 
 
 @dataclass(frozen=True)
 class Values:
     """Valid values of an array: its type ("f" floats, "i" signed integers, "b" booleans) and range.
 
-    Floats must be finite unless `gaps` allows missing ones.
+    Floats must be finite; where `gaps` allows it, some may be NaN or infinite.
     """
 
     kind: str = "f"
@@ -67,7 +68,7 @@ def index(of: str, *, none: bool = False) -> Values:
 NUMBER = Values()
 POSITIVE = Values(low=1e-30)
 WEIGHT = Values(low=-float("inf"), high=float("inf"))
-CURVE = Values(low=-float("inf"), high=float("inf"), gaps=True)
+CURVE = Values(low=-LARGEST_OF_CURVE, high=LARGEST_OF_CURVE, gaps=True)
 TRUTH = Values("b")
 COUNT = Values("i", 0)
 

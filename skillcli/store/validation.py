@@ -77,7 +77,9 @@ def _is_of(array: Array, kind: str) -> bool:
 
 def _out_of_range(path: str, array: Array, values: Values, sizes: Mapping[str, int]) -> Iterator[str]:
     if values.gaps:
-        return
+        array = array[np.isfinite(array)]
+        if not array.size:
+            return
     low, high = array.min(), array.max()  # NaN where there is one
     if not (np.isfinite(low) and np.isfinite(high)):
         yield f"{path} holds values that are not finite"

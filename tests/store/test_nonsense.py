@@ -68,6 +68,8 @@ ARRAYS = [
     ("pretrain", place("skills/goal", (0, 2), np.inf), "skills/goal holds values that are not finite"),
     ("pretrain", place("skills/goal", (0, 2), 1e13), "skills/goal reaches from"),
     ("pretrain", turn("curves/return", lambda one: one[:0]), "a curve has no points"),
+    ("pretrain", place("curves/return", slice(2), [1e308, np.nan]), "curves/return reaches from"),
+    ("pretrain", place("curves/return", slice(2), [np.inf, -1e101]), "curves/return reaches from -1e+101"),
     ("pretrain", place("trajectories/length", 0, 5), "trajectories/length reaches from 4 to 5, allowed is 1 to 4"),
     ("pretrain", place("trajectories/length", 0, 0), "trajectories/length reaches from 0 to 4"),
     ("pretrain", place("trajectories/skill", (0, 0), 5), "trajectories/skill reaches from -1 to 5, allowed is -1 to 4"),
@@ -102,6 +104,13 @@ def test_arrays_that_mean_nothing_are_refused(
     arrays = dict(good.arrays)
     change(arrays)
     assert told in refused(store, forge(store, good, arrays=arrays))
+
+
+def test_a_curve_may_have_gaps_and_infinities(store: Store, make: Make) -> None:
+    good = store.write(make("pretrain"))
+    for values in ([np.nan, np.inf, -np.inf, 1e100], [np.nan]):
+        arrays = {**good.arrays, "curves/return": np.array(values)}
+        assert store.verify(forge(store, good, arrays=arrays)) == []
 
 
 def test_an_artifact_without_episodes_is_refused(store: Store, make: Make) -> None:
