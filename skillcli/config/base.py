@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any, get_args
 
@@ -10,6 +11,8 @@ from pydantic_core import PydanticCustomError
 
 Vector3 = tuple[float, float, float]
 Joints = tuple[float, ...]  # one number for each joint of the arm
+SMALLEST, LARGEST = 1e-12, 1e12
+"""Bounds of any number but zero: beyond them, products and single precision give zero, infinity or NaN."""
 
 
 def value(default: Any, description: str, unit: str = "", **bounds: Any) -> Any:
@@ -23,7 +26,10 @@ def optional_value(default: Any, description: str, unit: str = "", **bounds: Any
 
 
 class Section(BaseModel):
-    """A frozen section. It refuses unknown keys, NaN and infinities, and texts in place of numbers or booleans."""
+    """A frozen section.
+
+    It refuses unknown keys, NaN, infinities and absurdly large or small numbers, and texts in place of numbers or booleans.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -33,7 +39,9 @@ class Section(BaseModel):
         """Refuse true and "1" for the number 1, and 1 and "yes" for true: pydantic would accept them."""
         for key, item in given.items() if isinstance(given, Mapping) else ():
             if key in cls.model_fields:
-                _check_look_alikes(key, item, set(_leaves(cls.model_fields[key].annotation)))
+                wanted = set(_leaves(cls.model_fields[key].annotation))
+                _check_look_alikes(key, item, wanted)
+                _check_size(key, item, wanted)
         return given
 
 
@@ -43,6 +51,12 @@ def _check_look_alikes(key: str, given: Any, wanted: set[Any]) -> None:
             raise _look_alike(key, "a number" if float in wanted else "a whole number", item)
         if wanted == {bool} and not isinstance(item, bool):
             raise _look_alike(key, "true or false", item)
+
+
+def _check_size(key: str, given: Any, wanted: set[Any]) -> None:
+    for item in _leaves_of(given) if float in wanted else ():
+        if isinstance(item, int | float) and (0 < abs(item) < SMALLEST or LARGEST < abs(item) < math.inf):
+            raise _look_alike(key, f"0, or a number between {SMALLEST:g} and {LARGEST:g} or its negative", item)
 
 
 def _leaves(annotation: Any) -> Iterator[Any]:

@@ -9,6 +9,8 @@ from pydantic import ValidationError
 
 from skillcli.config.base import Section, value
 
+SIZES = "0, or a number between 1e-12 and 1e+12 or its negative"
+
 
 class Sample(Section):
     number: float = value(1.5, "any number from 0 on", "m", ge=0)
@@ -28,6 +30,10 @@ class Sample(Section):
         ({"flag": 1}, "true or false", 1),
         ({"flag": "yes"}, "true or false", "yes"),
         ({"pairs": [[1, 2], [3, "4"]]}, "a number", "4"),
+        ({"number": 1e300}, SIZES, 1e300),
+        ({"number": 10**400}, SIZES, 10**400),
+        ({"number": 1e-300}, SIZES, 1e-300),
+        ({"pairs": [[0, -1e13]]}, SIZES, -1e13),
     ],
 )
 def test_what_only_looks_like_a_value_is_refused(given: dict[str, Any], expected: str, got: Any) -> None:
@@ -41,6 +47,7 @@ def test_values_that_are_meant_are_taken() -> None:
     found = Sample(number=2, count=3, flag=True, pairs=((1, 2.5),), text="1")
     assert (found.number, found.count, found.flag, found.pairs, found.text) == (2.0, 3, True, ((1.0, 2.5),), "1")
     assert Sample(count=None).count is None
+    assert Sample(count=10**30, number=0, pairs=((-1e12, 1e-12),)).count == 10**30
 
 
 @pytest.mark.parametrize("given", [{"numbr": 1.0}, {"number": -0.1}, {"number": float("nan")}, {"number": float("inf")}])
