@@ -26,6 +26,7 @@ from skillcli.config.randomization import RANGE_KEYS, Randomisation
 from skillcli.config.toml_file import parse_toml, read_toml
 from skillcli.errors import UsageError
 from skillcli.learning.settings import Embedding, Mixtures, Network, Training
+from skillcli.paths import LONGEST_PATH
 from skillcli.robots.config import DEFAULT_ROBOT, bundled_robots, describe_robot, is_path, start_of
 from skillcli.simulation.settings import TaskSettings
 from skillcli.tasks.registry import find_task, load_task, ran_here, source_digest, task_names
@@ -69,7 +70,9 @@ class _SkillsRecipe(Section):
 
     name: str = value(..., "the recipe's name", "")
     description: str = value("", "what this recipe is for, in one line", "")
-    robot: str = optional_value(DEFAULT_ROBOT, "a bundled robot by its name, or the path of a robot file", "")
+    robot: str = optional_value(
+        DEFAULT_ROBOT, "a bundled robot by its name, or the path of a robot file", "", max_length=LONGEST_PATH
+    )
     task: TaskSettings = value(..., "what the skills are for", "")
     embedding: Embedding = Embedding()
     network: Network = Network()
@@ -223,7 +226,7 @@ def _from_module(task: Mapping[str, Any], by_hand: bool) -> dict[str, Any]:
     A recipe from the user runs the file. A recipe from an artifact runs it only if the same file ran here before.
     """
     path, stored = task["module"], task.get("source_sha256", "")
-    if not isinstance(path, str) or not path:
+    if not isinstance(path, str) or not 0 < len(path) <= LONGEST_PATH:
         raise UsageError(f"recipe key 'task.module': expected the path of a Python file, got {shown(path)}", "leave it out")
     digest = source_digest(Path(path))
     if stored and stored != digest:

@@ -7,6 +7,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+from skillcli.paths import read_small
+
 MAX_BYTES = 256 * 1024  # larger than any recipe, domain or robot file
 
 
@@ -15,13 +17,9 @@ def read_toml(path: Path) -> dict[str, Any]:
 
     Raises:
         OSError: it cannot be opened or read.
-        ValueError: it is too large, not UTF-8, or not TOML; the message is one line.
+        ValueError: it is not a regular file, too large, not UTF-8, or not TOML; the message is one line.
     """
-    with path.open("rb") as file:
-        raw = file.read(MAX_BYTES + 1)
-    if len(raw) > MAX_BYTES:
-        raise ValueError(f"it is larger than {MAX_BYTES // 1024} kB")
-    return parse_toml(_text(raw))
+    return parse_toml(_text(read_small(path, MAX_BYTES)))
 
 
 def parse_toml(text: str) -> dict[str, Any]:

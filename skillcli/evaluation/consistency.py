@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from itertools import islice
-from pathlib import Path
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from skillcli.errors import StoreError, UsageError
 from skillcli.kinds import AnyKind, kind_spec
 from skillcli.kinds.spec import Arrays, Results
 from skillcli.learning.shapes import weight_shapes
+from skillcli.paths import expanded
 from skillcli.recipe import Recipe, resolve
 from skillcli.robots.config import bundled_robots, describe_robot, is_path
 from skillcli.store import Artifact
@@ -54,7 +54,7 @@ def stored_recipe(artifact: Artifact, overrides: Iterable[str] = ()) -> Recipe:
         UsageError: an override is invalid.
     """
     whole = _understood(artifact, artifact.recipe.keys())
-    if is_path(whole.robot) and not Path(whole.robot).expanduser().exists():
+    if is_path(whole.robot) and not expanded(whole.robot).exists():
         raise StoreError(
             f"{artifact.id} needs the robot file {whole.robot}, which is not there",
             "put it back; a path that does not begin with / starts in the folder where skill runs",

@@ -13,6 +13,7 @@ from skillcli.config.base import Joints, Section, Vector3, value
 from skillcli.config.explain import complaint
 from skillcli.config.toml_file import read_toml
 from skillcli.errors import UsageError
+from skillcli.paths import expanded
 
 Quaternion = tuple[float, float, float, float]
 DEFAULT_ROBOT = "sawyer"  # of a recipe; the defaults of the tasks lie around it
@@ -166,7 +167,7 @@ def find_robot_file(which: str | Path) -> Path | None:
     if text in bundled_robots():
         return None
     if isinstance(which, Path) or is_path(text):
-        return Path(which).expanduser()
+        return expanded(which)
     known = ", ".join(bundled_robots())
     raise UsageError(f"no robot {text!r}", f"robots: {known}; or give the path of a robot file (docs/robots.md)")
 

@@ -19,6 +19,7 @@ from skillcli.config.explain import complaint
 from skillcli.config.randomization import PARAMETERS, Distribution, Distributions, closest
 from skillcli.config.toml_file import read_toml
 from skillcli.errors import UsageError
+from skillcli.paths import expanded
 
 PRESETS = (
     "nominal", "random-starts", "mild", "real-like", "peng", "dactyl",
@@ -59,7 +60,7 @@ def find_domain(text: str) -> Domain:
         UsageError: there is none, or the file is not a domain.
     """
     if text.endswith(".toml") or "/" in text or "\\" in text:
-        domain = _load(Path(text).expanduser())
+        domain = _load(expanded(text))
         if domain.name in PRESETS:
             raise UsageError(f"domain file {text}: the name {domain.name!r} is that of a preset", "give it a name of its own")
         return domain

@@ -17,12 +17,13 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from skillcli.errors import StoreError, UnknownArtifact
+from skillcli.paths import open_regular
 from skillcli.store import atomic, codec
 from skillcli.store.artifact import Artifact, Parent, content_hash
 from skillcli.store.atomic import storage_errors
 from skillcli.store.block import MAGIC
 from skillcli.store.canonical_json import canonical, parse
-from skillcli.store.container import open_regular, peek, reading
+from skillcli.store.container import peek, reading
 from skillcli.store.ids import ArtifactId
 from skillcli.store.quarantine import MAX_FILE_BYTES
 from skillcli.store.store import Store

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import io
 import os
-import stat
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skillcli.errors import StoreError
+from skillcli.paths import open_regular
 from skillcli.store import block, known, quarantine
 from skillcli.store.canonical_json import parse
 from skillcli.store.hdf5_reader import FAULTS, first_line, list_contents, read_array
@@ -209,20 +209,6 @@ def reading(path: Path | str, hint: str = "restore it from a copy, or remove it"
 def _opened(path: Path | str) -> Iterator[BinaryIO]:
     with reading(path), open_regular(path) as file:
         yield file
-
-
-def open_regular(path: Path | str) -> BinaryIO:
-    """Open a regular file for reading; refuse anything else, such as a pipe, which would block for ever.
-
-    Raises:
-        OSError: it cannot be opened.
-        ValueError: it is not a regular file.
-    """
-    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    if not stat.S_ISREG(os.fstat(handle).st_mode):
-        os.close(handle)
-        raise ValueError("it is not a file")
-    return os.fdopen(handle, "rb", buffering=0)  # callers read large pieces, or a few kilobytes alone
 
 
 def _header(file: BinaryIO) -> tuple[dict[str, Any], int]:

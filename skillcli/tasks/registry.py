@@ -19,10 +19,12 @@ from typing import Any
 
 from skillcli.cache import user_cache
 from skillcli.errors import UsageError
+from skillcli.paths import read_small
 from skillcli.tasks.spec import TaskSpec
 
 ROOMS = ("point", "reach", "push")
 ENTRY_POINTS = "skillcli.tasks"
+MAX_SOURCE_BYTES = 1 << 20  # larger than the Python file of any task
 _OF_USERS: dict[str, TaskSpec] = {}  # by name, loaded from files
 
 
@@ -64,9 +66,9 @@ def source_digest(path: Path) -> str:
         UsageError: it cannot be read.
     """
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        reason = error.strerror or error
+        return hashlib.sha256(read_small(path, MAX_SOURCE_BYTES)).hexdigest()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", "") or error
         raise UsageError(f"task.module: {path} cannot be read: {reason}", "give the path of a .py file") from None
 
 

@@ -54,6 +54,11 @@ def recipe(section: str, **values: Any) -> Edit:
     return lambda copy: copy.texts["recipe"].update({section: {**copy.texts["recipe"].get(section, {}), **values}})
 
 
+def whole(**values: Any) -> Edit:
+    """Keys of the recipe that are in no section."""
+    return lambda copy: copy.texts["recipe"].update(values)
+
+
 def result(**values: Any) -> Edit:
     return lambda copy: copy.texts["results"].update(values)
 
@@ -151,6 +156,15 @@ EVERYTHING: dict[str, dict[str, tuple[Edit, ...]]] = {
         "domains_of_files": (recipe("transfer", domains=["/etc/passwd", "nominal"]),),
         "search_without_end": (recipe("search", budget=10**12, batch=10**6),),
         "search_resolution_of_zero": (recipe("search", resolution=0.0),),
+        "step_limit_of_1e300": (recipe("task", step_limit=1e300, bound=1e300),),
+        "step_limit_of_1e-300": (recipe("task", step_limit=1e-300, bound=1e-300),),
+        "task_file_without_end": (recipe("task", module="/dev/zero"),),
+        "task_file_with_a_zero_byte": (recipe("task", module="/tmp/a\0.py"),),
+        "task_file_of_a_lone_surrogate": (recipe("task", module="\ud800.py"),),
+        "task_file_of_100_kB": (recipe("task", module="/" + "a" * 100_000),),
+        "robot_of_a_home_that_is_not": (whole(robot="~nobody-of-that-name/x.toml"),),
+        "robot_is_a_device": (whole(robot="/dev/null"),),
+        "robot_of_100_kB": (whole(robot="/" + "a" * 100_000),),
         "compose_of_an_unknown_task": (recipe("compose", task="[/]"),),
         "length_beyond": (fill("trajectories/length", 10**6, ...),),
         "length_below_zero": (fill("trajectories/length", -5, ...),),
@@ -173,6 +187,7 @@ EVERYTHING: dict[str, dict[str, tuple[Edit, ...]]] = {
         "no_positions_but_joints": (lose("trajectories/position"), become("trajectories/joint_position", np.zeros((36, 51, 0), "f4"))),
         "curve_is_nan": (fill("curves/return", np.nan, ...),),
         "curve_is_infinite": (fill("curves/env_steps", np.inf, ...),),
+        "curve_beyond_all_pictures": (become("curves/x", np.array([1e308, -1e308])),),
         "curve_of_nothing": (become("curves/return", np.zeros(0)),),
         "curve_of_a_million": (become("curves/return", np.zeros(1_000_000)),),
         "no_curves": (lose("curves/"), become("curves/x", np.zeros(1))),
@@ -249,6 +264,7 @@ UNHEARD = {  # nothing that anybody uses, or that a real run cannot give: to be 
     "normalizer_variance_is_zero", "embedding_weights_differ", "weights_of_twice_the_size", "weight_of_half_size",
     "horizon_of_a_million", "goals_far_away", "names_of_100_kB", "names_of_markup", "names_of_skills_twice", "control_period_of_a_year",
     "latents_by_the_billion", "episodes_by_the_billion", "domains_of_files", "search_without_end", "another_task", "a_robot_file",
+    "robot_of_a_home_that_is_not", "robot_is_a_device",
     "compose_of_an_unknown_task", "position_is_huge", "time_is_huge", "success_is_a_number", "no_episodes", "curve_is_nan",
     "curve_is_infinite", "curve_of_nothing", "curve_of_a_million", "no_curves", "curve_by_another_name", "skills_by_the_hundred",
     "one_skill", "position_is_whole", "reward_is_infinite", "joints_beside_the_point", "evaluation_of_nothing", "pairs_by_the_million",
