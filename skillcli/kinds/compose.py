@@ -150,9 +150,10 @@ def _from_1(arrays: Arrays, results: Results) -> tuple[Arrays, Results]:
         for folder, field in (("plan", "plan/latent"), ("waypoints", "waypoints/target"))
     }
     routed = {part: [{**entry, "route": 0} for entry in results.get(part, [])] for part in ("segments", "waypoints")}
+    success = arrays["trajectories/success"]  # not checked yet: perhaps empty, or no booleans
     added = {
         "routes": 1,
-        "success_rate": float(arrays["trajectories/success"].mean()),
+        "success_rate": np.count_nonzero(success) / max(1, success.size),
         "final_distances_m": [results["final_distance_m"]],
     }
     return {**arrays, **routes}, {**results, **routed, **added}

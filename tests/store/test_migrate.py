@@ -8,13 +8,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from forge import forge
 
 from skillcli import __version__
 from skillcli.errors import StoreError
 from skillcli.kinds import KINDS
 from skillcli.plaintext import markdown
-from skillcli.store import ArtifactId, Draft, Store
+from skillcli.store import ArtifactId, Draft, Store, codec
 
 GOLDEN = Path(__file__).parent / "golden"
 PRESENT = {
@@ -77,6 +79,15 @@ def test_what_is_added_is_what_the_older_version_meant(golden: Store) -> None:
     assert {segment["route"] for segment in plan.results["segments"]} == {0}
     means = golden.migrate(ArtifactId.parse("reference-point/embed-means-v1"), "")
     assert means.arrays["halfway/pair"].shape == (0, 2) and means.results["halfway"] == []
+
+
+@pytest.mark.parametrize("success", [np.zeros(0, bool), np.full(1, 1e308), np.zeros((1, 0))], ids=["none", "numbers", "flat"])
+def test_an_older_version_that_holds_nonsense_is_refused_in_one_line(golden: Store, success: Any) -> None:
+    old = ArtifactId.parse("reference-point/compose-v1")
+    read = codec.read_artifact(golden.path(old), old, older=True)
+    forge(golden, read, arrays={**read.arrays, "trajectories/success": success})
+    (problem,) = golden.verify(old)
+    assert "trajectories/success" in problem and "\n" not in problem
 
 
 def test_a_newer_schema_is_listed_but_refused_with_what_to_install(
