@@ -20,7 +20,7 @@ from skillcli.kinds.spec import Arrays, Results
 from skillcli.learning.shapes import weight_shapes
 from skillcli.paths import expanded
 from skillcli.recipe import Recipe, resolve
-from skillcli.robots.config import bundled_robots, describe_robot, is_path
+from skillcli.robots.config import FEWEST, MOST, bundled_robots, describe_robot, is_path
 from skillcli.store import Artifact
 from skillcli.store.migrate import brought_up
 from skillcli.store.schema import check_parents
@@ -117,9 +117,22 @@ def _problems(spec: AnyKind, recipe: Recipe, arrays: Arrays, results: Results) -
         yield from _evaluation(recipe, arrays)
     if spec.holds("plan"):
         yield from _plan(recipe, arrays, results)
-    unknown = {path.split("/")[2] for path in arrays if path.startswith("domains/")} - PARAMETERS.keys()
-    if unknown:
-        yield f"a domain varies {', '.join(sorted(unknown))}, which is not a parameter"
+    for path, array in arrays.items():
+        if path.startswith("domains/"):
+            yield from _parameter(path, array.shape[1:])
+
+
+def _parameter(path: str, shape: tuple[int, ...]) -> Iterator[str]:
+    """Check name and size of a domain's parameter; the arm that was driven may have more or fewer joints than the recipe's."""
+    name = path.split("/")[2]
+    if name not in PARAMETERS:
+        yield f"a domain varies {name}, which is not a parameter"
+        return
+    size = PARAMETERS[name].size
+    sizes = [size] if size else range(FEWEST, MOST + 1)
+    if shape not in [() if each == 1 else (each,) for each in sizes]:
+        wanted = f"{size}" if size else "one for each joint"
+        yield f"{path} has {shape} values in each episode, expected {wanted}"
 
 
 def _recording(recipe: Recipe, arrays: Arrays) -> Iterator[str]:

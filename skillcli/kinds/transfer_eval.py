@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +16,9 @@ from skillcli.kinds.outcome import Distances, Outcome
 from skillcli.kinds.pretrain import PRETRAIN
 from skillcli.kinds.record import Interval, Measured, Record, optional, rest
 from skillcli.kinds.spec import COUNT, Array, Field, KindSpec, Sizes
+
+DOMAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,39}", re.ASCII)
+"""Name of a domain: part of a path in the file, and of labels in figures."""
 
 _ROUNDING = 1e-9
 
@@ -98,12 +102,17 @@ def _check(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Sizes
     elif not np.array_equal(arrays["episodes/domain"], np.repeat(np.arange(len(names)), episodes)):
         yield "episodes/domain is not as results.domains says"
     drawn = dict(zip(names, episodes, strict=True))
-    for path in arrays:
+    widths: dict[str, tuple[int, ...]] = {}
+    for path, array in arrays.items():
         if path.startswith("domains/"):
-            name = path.split("/")[1]
-            if len(arrays[path]) != drawn.get(name, -1):
-                yield f"{path} has {len(arrays[path])} episodes, results.domains has {drawn.get(name, 'none')}"
+            _, name, parameter = path.split("/")
+            if len(array) != drawn.get(name, -1):
+                yield f"{path} has {len(array)} episodes, results.domains has {drawn.get(name, 'none')}"
+            if array.shape[1:] != widths.setdefault(parameter, array.shape[1:]):
+                yield f"{path} has {array.shape[1:]} values in each episode, another domain {widths[parameter]}"
     for domain in domains:
+        if not DOMAIN_NAME.fullmatch(domain["name"]):
+            yield f"results.domains names one {domain['name'][:40]!r}, which is not the name of a domain"
         yield from _check_domain(domain, total)
     if results["source"]["episodes"] < 1:
         yield "results.source has no episodes"

@@ -5,7 +5,6 @@ A domain is a TOML file, bundled (`presets/`) or the user's; docs/domains.md say
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
@@ -19,6 +18,7 @@ from skillcli.config.explain import complaint
 from skillcli.config.randomization import PARAMETERS, Distribution, Distributions, closest
 from skillcli.config.toml_file import read_toml
 from skillcli.errors import UsageError
+from skillcli.kinds.transfer_eval import DOMAIN_NAME
 from skillcli.paths import expanded
 
 PRESETS = (
@@ -39,7 +39,7 @@ class Domain:
 
 
 def _fit_for_a_path(name: str) -> str:
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,39}", name):
+    if not DOMAIN_NAME.fullmatch(name):
         raise ValueError("expected a letter or digit, then at most 39 letters, digits and _ . -")
     return name
 

@@ -17,6 +17,7 @@ from forge import forge
 from worlds import make_env, sizes
 
 from skillcli.errors import StoreError
+from skillcli.evaluation import consistency
 from skillcli.evaluation.consistency import check_meaning
 from skillcli.evaluation.library import open_library
 from skillcli.learning.agent import Agent
@@ -134,6 +135,25 @@ def test_a_stored_recipe_that_is_none_is_refused(chain: Path, tmp_path: Path, ch
     assert told in caught.value.message and "\n" not in caught.value.message
 
 
+@pytest.mark.parametrize(
+    ("name", "shape", "told"),
+    [
+        ("latency", (), ""),
+        ("table_tilt", (2,), ""),
+        ("gain", (6,), ""),
+        ("latency", (7,), "domains/mild/latency has (7,) values in each episode, expected 1"),
+        ("table_tilt", (), "expected 2"),
+        ("gain", (), "expected one for each joint"),
+        ("gain", (50_000,), "expected one for each joint"),
+        ("gain", (6, 1), "expected one for each joint"),
+        ("magic", (), "a domain varies magic, which is not a parameter"),
+    ],
+)
+def test_parameters_of_a_domain_have_as_many_values_as_are_drawn(name: str, shape: tuple[int, ...], told: str) -> None:
+    found = " and ".join(consistency._parameter(f"domains/mild/{name}", shape))
+    assert found.endswith(told) and bool(found) == bool(told)
+
+
 PLANS: list[tuple[Change, str]] = [
     (arrays("plan/seconds", lambda one: one + 1e9), "its plan lasts"),
     (arrays("plan/skill", lambda one: one * 0 + 8), "plan/latent and plan/skill are not those of 8 skills"),
@@ -202,6 +222,7 @@ LARGE = """
 import json, resource, sys
 from pathlib import Path
 from skillcli.errors import StoreError
+from skillcli.evaluation import consistency
 from skillcli.evaluation.consistency import check_meaning
 from skillcli.store import ArtifactId, Store
 store = Store(Path(sys.argv[1]))

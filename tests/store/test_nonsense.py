@@ -93,6 +93,7 @@ ARRAYS = [
     ("transfer-eval", place("episodes/domain", 0, 1), "episodes/domain is not as results.domains says"),
     ("transfer-eval", place("domains/heavy/mass", 0, np.nan), "domains/heavy/mass holds values that are not finite"),
     ("transfer-eval", turn("domains/heavy/mass", lambda one: one[:5]), "domains/heavy/mass has 5 episodes"),
+    ("transfer-eval", lambda found: found.update({"domains/late/mass": np.ones((4, 2))}), "domains/late/mass has (2,) values"),
 ]
 
 
@@ -171,6 +172,8 @@ ANSWERS = [
     ("transfer-eval", put("domains.0.ci95", [-1.0, 1.0]), "contradict each other"),
     ("transfer-eval", put("domains.0.success_rate", 7), "contradict each other"),
     ("transfer-eval", put("domains.0.ci95", 1), "results.domains[0].ci95 must be a list"),
+    ("transfer-eval", put("domains.0.name", "a" * 41), "which is not the name of a domain"),
+    ("transfer-eval", put("domains.0.name", "$x$"), "names one '$x$', which is not the name of a domain"),
     ("transfer-eval", put("domains.0.name", "light"), "domains/heavy/mass has 6 episodes, results.domains has none"),
     ("transfer-eval", put("source.episodes", 0), "results.source has no episodes"),
     ("transfer-eval", put("robot", "x"), "results.robot must be an object"),
