@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from skillcli.errors import StoreError, UnknownArtifact
+from skillcli.kinds import KINDS
 from skillcli.paths import open_regular
 from skillcli.store import atomic, codec
 from skillcli.store.artifact import Artifact, Parent, content_hash
@@ -31,7 +32,8 @@ from skillcli.store.store import Store
 MANIFEST = "manifest.json"
 FORMAT = {"format": "skill-export", "version": 1}
 MAX_MANIFEST_BYTES = 1 << 20
-MAX_ARTIFACTS = 1000
+MAX_ARTIFACTS = len(KINDS)
+"""An artifact and its ancestors: each was made from one of an earlier kind."""
 LAST_IMPORTED = 1_000_000
 """Higher version numbers are not taken from a file: the next training needs a higher one."""
 
@@ -281,6 +283,7 @@ def _extracted(
 ) -> Iterator[tuple[ArtifactId, Path]]:
     """Copy each artifact of an export into the store under a temporary name, until `stack` closes, and check it."""
     known: dict[ArtifactId, str] = {}
+    needed: set[ArtifactId] = set()
     with reading(path, _HINT), open_regular(path) as file:
         members = _members(file)
         name, size = next(members, ("", 0))
@@ -301,7 +304,10 @@ def _extracted(
             check(artifact)
             _check_parents(artifact, entry, known)
             known[one] = artifact.content_sha256
+            needed.update(parent.id for parent in artifact.parents)
             yield one, temporary
+        if spare := known.keys() - needed - {one}:
+            raise ValueError(f"{min(spare)} is in it, and {one} was not made from it")
         if next(members, None):
             raise ValueError("it holds more than its manifest says")
 
@@ -375,7 +381,7 @@ def _entries(manifest: Any) -> list[dict[str, Any]]:
     entries = manifest.get("artifacts")
     shape = {"id": str, "content_sha256": str, "bytes": int, "sha256": str}
     if not isinstance(entries, list) or not 0 < len(entries) <= MAX_ARTIFACTS:
-        raise ValueError(f"it lists no artifacts, or more than {MAX_ARTIFACTS}")
+        raise ValueError(f"it lists no artifacts, or more than {MAX_ARTIFACTS}: one and its ancestors are never more")
     if any(not isinstance(entry, dict) or {k: type(v) for k, v in entry.items()} != shape for entry in entries):
         raise ValueError("its manifest is not in the form of one")
     return entries

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import gzip
+import hashlib
 import io
 import json
 import os
@@ -175,7 +176,7 @@ def test_only_plain_files_are_known(other: Store, exported: Path, kind: bytes) -
         (lambda m: m.update(version=2), "format 2"),
         (lambda m: m.update(format="zip"), "not an export"),
         (lambda m: m.update(artifacts=[]), "no artifacts"),
-        (lambda m: m.update(artifacts=m["artifacts"] * 400), "more than 1000"),
+        (lambda m: m.update(artifacts=m["artifacts"] * 400), "more than 4"),
         (lambda m: m["artifacts"].append(3), "not in the form"),
         (lambda m: m["artifacts"][0].update(bytes=-1), "not where"),
         (lambda m: m["artifacts"][0].update(bytes=1 << 60), "not where"),
@@ -196,6 +197,17 @@ def test_a_child_without_its_parent_is_refused(other: Store, exported: Path) -> 
     edit(exported, lambda manifest: manifest["artifacts"].pop(0))
     rewrite(exported, lambda name, data: [] if name == "run/pretrain-v1.h5" else [(name, data)])
     assert "before what it was made from" in refused(other, exported)
+
+
+def test_what_the_last_artifact_was_not_made_from_is_refused(other: Store, store: Store, exported: Path) -> None:
+    stranger = ArtifactId("stranger", "pretrain", 1)
+    data = store.path(stranger).read_bytes()
+    told = {"id": str(stranger), "bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+    told["content_sha256"] = store.header(stranger).content_sha256
+    edit(exported, lambda manifest: manifest["artifacts"].insert(0, told))
+    added = [(f"{stranger}.h5", data)]
+    rewrite(exported, lambda name, held: [(name, held), *added] if name == "manifest.json" else [(name, held)])
+    assert "stranger/pretrain-v1 is in it, and plan/compose-v1 was not made from it" in refused(other, exported)
 
 
 def test_what_is_no_export_is_refused(other: Store, tmp_path: Path) -> None:

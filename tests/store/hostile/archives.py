@@ -127,6 +127,22 @@ def copies(count: int) -> Callable[[Good], bytes]:
     return build
 
 
+def trainings(count: int) -> Callable[[Good], bytes]:
+    """So many good artifacts of which none was made from another."""
+
+    def build(good: Good) -> bytes:
+        copy, members, entries = good.forged(), [], []
+        for version in range(1, count + 1):
+            copy.header["id"] = one = f"{NAME}/pretrain-v{version}"
+            copy.header["seed"] = version
+            data = copy.file()
+            members.append((f"{one}.h5", data))
+            entries.append(entry(one, data, copy.header["content_sha256"]))
+        return tar([(MANIFEST, told(entries)), *members])
+
+    return build
+
+
 def nested(depth: int) -> bytes:
     return whole(MANIFEST, b"[" * depth + b"]" * depth)
 
@@ -222,6 +238,8 @@ for name, build in {
     add(f"archives.{name}", build, form="export")
 add("archives.good", export(), "accepted", form="export")
 add("archives.no_parent_300_times", copies(300), form="export")
+add("archives.300_trainings", trainings(300), form="export")
+add("archives.two_trainings", trainings(2), form="export")
 
 
 @case(form="export")
