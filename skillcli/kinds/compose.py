@@ -12,7 +12,22 @@ from skillcli.kinds.arrays import TRAJECTORIES
 from skillcli.kinds.embed_means import EMBED_MEANS
 from skillcli.kinds.pretrain import PRETRAIN
 from skillcli.kinds.record import Interval, Measured, Point, Record, optional
-from skillcli.kinds.spec import CURVE, POSITIVE, WEIGHT, Array, Arrays, Field, KindSpec, Results, Sizes, counted, divided, index
+from skillcli.kinds.spec import (
+    CURVE,
+    POSITIVE,
+    WEIGHT,
+    Array,
+    Arrays,
+    Field,
+    KindSpec,
+    Results,
+    Sizes,
+    all_or_none,
+    counted,
+    different,
+    divided,
+    index,
+)
 
 GOALS = "goals"
 """Task name of a composition with given goals instead of a named task."""
@@ -136,6 +151,8 @@ def _check(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Sizes
     for name, wanted in (("segments", sizes["plan: segment"]), ("waypoints", sizes["waypoints: waypoint"])):
         yield from counted(f"results.{name}", results[name], wanted)
     yield from counted("results.final_distances_m", results["final_distances_m"], routes)
+    yield from all_or_none(arrays, "calibration/pair", "calibration/share", "calibration/end")
+    yield from different(arrays, "calibration/pair")
     if results["routes"] != routes:
         yield f"results.routes is {results['routes']}, there are {routes}"
     said = [*results["segments"], *results["waypoints"], *results.get("broken", ())]

@@ -11,7 +11,10 @@ import numpy as np
 from skillcli.kinds.arrays import EMBEDDING, TRAJECTORIES
 from skillcli.kinds.pretrain import PRETRAIN
 from skillcli.kinds.record import Measured, Point, Record, optional
-from skillcli.kinds.spec import Array, Arrays, Field, KindSpec, Results, Sizes, counted, index
+from skillcli.kinds.spec import Array, Arrays, Field, KindSpec, Results, Sizes, all_or_none, counted, different, index
+
+MOST_PLACES = 10_000
+"""Most places at which a map is judged: a picture draws each."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,8 +69,13 @@ def _check(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Sizes
     yield from counted("results.halfway", results["halfway"], pairs)
     if sizes["trajectories: episode"] != sizes["skill"] + pairs:
         yield f"{sizes['trajectories: episode']} episodes are not one for each of {sizes['skill']} skills and {pairs} pairs"
-    if len(arrays.get("map/place", ())) != results.get("map", {}).get("places", 0):
+    places = len(arrays.get("map/place", ()))
+    if places != results.get("map", {}).get("places", 0):
         yield "results.map does not count the places of map/place"
+    if places > MOST_PLACES:
+        yield f"map/place has {places} places, at most {MOST_PLACES} are read"
+    yield from all_or_none(arrays, "map/place", "map/latent", "map/end")
+    yield from different(arrays, "halfway/pair")
     for skill in results["skills"]:
         yield from counted("a mean in the results", skill["mean"], sizes["latent"])
         yield from counted("a std in the results", skill["std"], sizes["latent"])

@@ -156,3 +156,18 @@ def counted(what: str, found: list[Any], wanted: int) -> Iterator[str]:
 def divided(arrays: Mapping[str, Array], path: str, parts: int) -> bool:
     """Return whether an array of indices names each of so many parts, in order."""
     return np.array_equal(np.unique(arrays[path]), np.arange(parts)) and not (np.diff(arrays[path]) < 0).any()
+
+
+def all_or_none(arrays: Mapping[str, Array], *paths: str) -> Iterator[str]:
+    """Report arrays that are missing beside others that belong to them."""
+    there = [path for path in paths if path in arrays]
+    lacking = [path for path in paths if path not in arrays]
+    if there and lacking:
+        yield f"{there[0]} is there without {', '.join(lacking)}"
+
+
+def different(arrays: Mapping[str, Array], path: str) -> Iterator[str]:
+    """Report pairs of one and the same."""
+    pair = arrays.get(path)
+    if pair is not None and (pair[:, 0] == pair[:, 1]).any():
+        yield f"{path} names a pair of one and the same"

@@ -20,6 +20,9 @@ from skillcli.kinds.spec import COUNT, Array, Field, KindSpec, Sizes
 DOMAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,39}", re.ASCII)
 """Name of a domain: part of a path in the file, and of labels in figures."""
 
+MOST_DOMAINS = 100
+"""Most domains of one transfer: a picture has a part for each."""
+
 _ROUNDING = 1e-9
 
 
@@ -101,6 +104,8 @@ def _check(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Sizes
         yield f"results.domains does not divide {total} episodes among domains of different names"
     elif not np.array_equal(arrays["episodes/domain"], np.repeat(np.arange(len(names)), episodes)):
         yield "episodes/domain is not as results.domains says"
+    if len(names) > MOST_DOMAINS:
+        yield f"results.domains has {len(names)} domains, at most {MOST_DOMAINS} are read"
     drawn = dict(zip(names, episodes, strict=True))
     widths: dict[str, tuple[int, ...]] = {}
     for path, array in arrays.items():

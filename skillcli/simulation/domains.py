@@ -18,7 +18,7 @@ from skillcli.config.explain import complaint
 from skillcli.config.randomization import PARAMETERS, Distribution, Distributions, closest
 from skillcli.config.toml_file import read_toml
 from skillcli.errors import UsageError
-from skillcli.kinds.transfer_eval import DOMAIN_NAME
+from skillcli.kinds.transfer_eval import DOMAIN_NAME, MOST_DOMAINS
 from skillcli.paths import expanded
 
 PRESETS = (
@@ -74,7 +74,7 @@ def find_domains(texts: Iterable[str]) -> list[Domain]:
     """Find several domains; results are stored by name, so names must differ.
 
     Raises:
-        UsageError: one is unknown or invalid, or two have the same name.
+        UsageError: one is unknown or invalid, two have the same name, or there are too many.
     """
     found: dict[str, tuple[str, Domain]] = {}
     for text in texts:
@@ -85,6 +85,8 @@ def find_domains(texts: Iterable[str]) -> list[Domain]:
                 "name each domain once, by a name of its own",
             )
         found[domain.name] = text, domain
+        if len(found) > MOST_DOMAINS:
+            raise UsageError(f"more than {MOST_DOMAINS} domains are given", "evaluate them in several runs")
     return [domain for _, domain in found.values()]
 
 

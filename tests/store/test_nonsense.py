@@ -80,6 +80,17 @@ ARRAYS = [
     ("pretrain", place("trajectories/time", 2, 0.0), "trajectories/time does not begin at 0 and grow"),
     ("pretrain", place("trajectories/time", 0, -1.0), "trajectories/time does not begin at 0 and grow"),
     ("embed-means", place("halfway/pair", (0, 1), 5), "halfway/pair reaches from 0 to 5"),
+    ("embed-means", place("halfway/pair", 1, [2, 2]), "halfway/pair names a pair of one and the same"),
+    (
+        "embed-means",
+        lambda found: found.update({"map/place": np.zeros((0, 3))}),
+        "map/place is there without map/latent, map/end",
+    ),
+    (
+        "compose",
+        lambda found: found.update({"calibration/end": np.zeros((1, 1, 3))}),
+        "calibration/end is there without calibration/pair, calibration/share",
+    ),
     ("compose", place("plan/skill", 0, -2), "plan/skill reaches from -2"),
     ("compose", place("plan/route", 2, 2), "plan/route reaches from 0 to 2"),
     ("compose", place("plan/route", 2, 0), "plan/route does not name each of 2 routes in order"),
@@ -188,6 +199,28 @@ def test_results_that_nobody_could_read_are_refused(
     results = copy.deepcopy(dict(good.results))
     change(results)
     assert told in refused(store, forge(store, good, results=results))
+
+
+def test_places_without_number_are_refused(store: Store, make: Make) -> None:
+    good, places = store.write(make("embed-means")), np.zeros((10_001, 3))
+    arrays = {**good.arrays, "map/place": places, "map/latent": places, "map/end": places}
+    judged = dict.fromkeys(("median_m", "p90_m", "p95_m", "max_m"), 0.1) | {"places": 10_001, "latent_end_correlation": None}
+    told = refused(store, forge(store, good, arrays=arrays, results={**good.results, "map": judged}))
+    assert "map/place has 10001 places, at most 10000 are read" in told
+
+
+def test_domains_without_number_are_refused(store: Store, make: Make) -> None:
+    good, count = store.write(make("transfer-eval")), 101
+    arrays = {
+        path: array if path == "trajectories/time" else np.resize(array, (count, *array.shape[1:]))
+        for path, array in good.arrays.items()
+        if not path.startswith("domains/")
+    }
+    arrays["episodes/domain"] = np.arange(count)
+    one = {**good.results["domains"][0], "episodes": 1, "successes": 1}
+    results = {**good.results, "domains": [{**one, "name": f"d{i}"} for i in range(count)]}
+    told = refused(store, forge(store, good, arrays=arrays, results=results))
+    assert "results.domains has 101 domains, at most 100 are read" in told
 
 
 @pytest.mark.parametrize(

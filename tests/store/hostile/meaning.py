@@ -205,6 +205,8 @@ EVERYTHING: dict[str, dict[str, tuple[Edit, ...]]] = {
         "bounds_swapped": (lambda c: c.arrays.update({"embedding/bounds": c.arrays["embedding/bounds"][::-1]}),),
         "bounds_are_infinite": (fill("embedding/bounds", np.inf, ...),),
         "pair_beyond": (fill("halfway/pair", 1000, ...),),
+        "pair_of_the_same": (fill("halfway/pair", 0, ...),),
+        "places_without_ends": (become("map/place", np.zeros((0, 3))),),
         "pair_below_zero": (fill("halfway/pair", -9, ...),),
         "pair_as_fractions": (cast("halfway/pair", "<f8"),),
         "pairs_by_the_million": (become("halfway/pair", np.zeros((1_000_000, 2), int)),),
