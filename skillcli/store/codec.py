@@ -69,8 +69,8 @@ def check_draft(draft: Draft) -> Draft:
     kind_spec(draft.kind, label)
     arrays = checked_arrays(draft.arrays)
     schema.check_arrays(draft.kind, {path: array.shape for path, array in arrays.items()}, label)
-    if not -(2**63) <= draft.seed < 2**63:
-        raise StoreError(f"seed {draft.seed} does not fit in 64 bits", "choose a smaller one")
+    if not 0 <= draft.seed < 2**63:
+        raise StoreError(f"seed {draft.seed} is not between 0 and 2**63 - 1", "choose another one")
     texts = {part: plain(getattr(draft, part), part) for part in ("recipe", "results", "measured")}
     return replace(draft, arrays=arrays, seed=int(draft.seed), command=draft.command[:_MAX_COMMAND], **texts)
 
@@ -207,8 +207,8 @@ def _header(fields: Mapping[str, Any], expected: ArtifactId) -> Header:
         raise ValueError("its content hash is not a SHA-256")
     if fields["inputs_sha256"] and not _SHA256.fullmatch(fields["inputs_sha256"]):
         raise ValueError("its hash of inputs is not a SHA-256")
-    if not -(2**63) <= fields["seed"] < 2**63:
-        raise ValueError("its seed does not fit in 64 bits")
+    if not 0 <= fields["seed"] < 2**63:
+        raise ValueError("its seed is not between 0 and 2**63 - 1")
     if not _RECIPE_NAME.fullmatch(fields["recipe_name"]):
         raise ValueError("its recipe's name is not one")
     _check_time(fields["created_utc"])

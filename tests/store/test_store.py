@@ -227,7 +227,8 @@ def test_arrays_that_do_not_fit_the_kind_are_refused(store: Store, make: Make, c
     [
         ({"kind": "other"}, "unknown kind, 'other'"),
         ({"name": "../up"}, "not an artifact id"),
-        ({"seed": 2**63}, "does not fit"),
+        ({"seed": 2**63}, "is not between 0 and"),
+        ({"seed": -1}, "seed -1 is not between 0 and"),
         ({"results": {"a": [1, {2, 3}]}}, r"results\.a\[1\] cannot be stored as JSON: set"),
         ({"recipe": {1: 2}}, "recipe cannot be stored"),
     ],
