@@ -55,9 +55,17 @@ def _arrays(a: Mapping[str, Any], b: Mapping[str, Any]) -> Pairs:
         if left is None or right is None or left.dtype != right.dtype or left.shape != right.shape:
             found[path] = (_label(left), _label(right))
         elif not np.array_equal(left, right, equal_nan=left.dtype.kind == "f"):
-            apart = np.abs(left.astype(float) - right.astype(float))
-            found[path] = (_label(left), f"differs by up to {np.nanmax(apart):.3g}, on average {np.nanmean(apart):.3g}")
+            found[path] = (_label(left), _apart(left.astype(float), right.astype(float)))
     return found
+
+
+def _apart(left: Any, right: Any) -> str:
+    with np.errstate(invalid="ignore", over="ignore"):  # curves may hold infinities
+        apart = np.abs(left - right)
+    known = apart[np.isfinite(apart)]
+    if not known.any():
+        return "differs in what is missing or infinite"
+    return f"differs by up to {known.max():.3g}, on average {known.mean():.3g}"
 
 
 def _label(array: Any) -> str | None:

@@ -57,6 +57,8 @@ def test_keys_are_dotted_entries_go_by_their_name_and_what_one_lacks_is_none() -
         ({"a/x": np.array([1.5, 2.1, np.nan])}, {"a/x": ("float64 (3,)", "differs by up to 0.5, on average 0.3")}),
         ({"a/x": np.array([1.0, 2.0, np.nan], np.float32)}, {"a/x": ("float64 (3,)", "float32 (3,)")}),
         ({"a/n": np.array([1, 2])}, {"a/n": ("int64 (3,)", "int64 (2,)")}),
+        ({"a/x": np.full(3, np.nan)}, {"a/x": ("float64 (3,)", "differs in what is missing or infinite")}),
+        ({"a/x": np.array([1.0, np.inf, np.inf])}, {"a/x": ("float64 (3,)", "differs in what is missing or infinite")}),
         ({"b": np.zeros((2, 2), bool)}, {"b": (None, "bool (2, 2)")}),
     ],
 )
