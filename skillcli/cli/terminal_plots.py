@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -21,14 +22,19 @@ _BARS = "▁▂▃▄▅▆▇█"
 
 def sparkline(values: Any, width: int = WIDTH) -> str:
     """Draw a curve in at most `width` characters, each the mean of its share of the values (n,); a space if none is finite."""
-    values = np.asarray(values, dtype=float).ravel()
-    parts = [part[np.isfinite(part)] for part in np.array_split(values, min(width, max(1, len(values))))]
-    means = np.array([part.mean() if len(part) else np.nan for part in parts])
+    values = np.asarray(values).ravel()
+    parts = np.array_split(values, min(width, max(1, len(values))))
+    means = np.array([_mean(part.astype(float)) for part in parts])  # a part at a time: a copy of all would be large
     if not np.isfinite(means).any():
         return " " * len(means)
     low, high = np.nanmin(means), np.nanmax(means)
     scale = (len(_BARS) - 1) / (high - low) if high > low else 0.0
     return "".join(" " if np.isnan(mean) else _BARS[round((mean - low) * scale)] for mean in means)
+
+
+def _mean(values: Any) -> float:
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if len(finite) else math.nan
 
 
 def curves(arrays: Mapping[str, Any], width: int) -> Table:

@@ -113,6 +113,7 @@ def _problems(spec: AnyKind, recipe: Recipe, arrays: Arrays, results: Results) -
         yield from _skills(recipe, arrays, results)
     if spec.holds("weights"):
         yield from _weights(recipe, arrays)
+        yield from _curves(recipe, arrays)
     if spec.holds("evaluation"):
         yield from _evaluation(recipe, arrays)
     if spec.holds("plan"):
@@ -201,6 +202,12 @@ def _weights(recipe: Recipe, arrays: Arrays) -> Iterator[str]:
             yield f"weights/{name} is negative"
     if not different and wanted.keys() <= found.keys():
         yield from _embedding(recipe, arrays)
+
+
+def _curves(recipe: Recipe, arrays: Arrays) -> Iterator[str]:
+    for path, array in arrays.items():
+        if path.startswith("curves/") and len(array) > recipe.training.iterations:
+            yield f"{path} has {len(array)} points, the training {recipe.training.iterations} iterations"
 
 
 def _embedding(recipe: Recipe, arrays: Arrays) -> Iterator[str]:

@@ -77,10 +77,13 @@ def _is_of(array: Array, kind: str) -> bool:
 
 def _out_of_range(path: str, array: Array, values: Values, sizes: Mapping[str, int]) -> Iterator[str]:
     if values.gaps:
-        array = array[np.isfinite(array)]
-        if not array.size:
+        known = np.isfinite(array)
+        low, high = array.min(where=known, initial=np.inf), array.max(where=known, initial=-np.inf)
+        if low > high:  # none is finite
             return
-    low, high = array.min(), array.max()  # NaN where there is one
+    else:
+        low, high = array.min(), array.max()  # NaN where there is one
+    low, high = low.item(), high.item()  # in double precision, which all bounds fit in
     if not (np.isfinite(low) and np.isfinite(high)):
         yield f"{path} holds values that are not finite"
         return

@@ -86,6 +86,7 @@ LIBRARIES: list[tuple[Change, str]] = [
     (arrays("weights/embedding.raw_mean", lambda one: one + 1), "embedding/mean is not what its weights say"),
     (arrays("weights/embedding.raw_std", lambda one: one - 99), "embedding/std is not what its weights say"),
     (arrays("skills/goal", lambda one: one + 0.01), "skills/goal holds other goals"),
+    (arrays("curves/return", lambda one: np.resize(one, 1000)), "curves/return has 1000 points, the training"),
     (arrays("trajectories/time", lambda one: 2 * one), "trajectories/time does not advance by 0.05 s"),
     (arrays("trajectories/joint_position", lambda one: one[..., :6]), "trajectories/joint_position has shape"),
     (arrays("trajectories/action", lambda one: one[..., :2]), "trajectories/action has shape"),
