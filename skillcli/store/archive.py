@@ -376,9 +376,11 @@ def _entries(manifest: Any) -> list[dict[str, Any]]:
     """
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT["format"]:
         raise ValueError("it is not an export of skill")
-    if manifest.get("version") != FORMAT["version"] or isinstance(manifest["version"], bool):
+    if manifest.get("version") != FORMAT["version"] or type(manifest["version"]) is not int:
         raise StoreError(f"the export has format {manifest.get('version')!r}, this skill reads 1", "install a newer skill")
-    entries = manifest.get("artifacts")
+    if manifest.keys() != {*FORMAT, "artifacts"}:
+        raise ValueError("its manifest is not in the form of one")
+    entries = manifest["artifacts"]
     shape = {"id": str, "content_sha256": str, "bytes": int, "sha256": str}
     if not isinstance(entries, list) or not 0 < len(entries) <= MAX_ARTIFACTS:
         raise ValueError(f"it lists no artifacts, or more than {MAX_ARTIFACTS}: one and its ancestors are never more")

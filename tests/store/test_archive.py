@@ -174,6 +174,10 @@ def test_only_plain_files_are_known(other: Store, exported: Path, kind: bytes) -
     ("change", "message"),
     [
         (lambda m: m.update(version=2), "format 2"),
+        (lambda m: m.update(version=1.0), "format 1.0"),
+        (lambda m: m.update(version=True), "format True"),
+        (lambda m: m.update(more=1), "not in the form"),
+        (lambda m: m.pop("artifacts"), "not in the form"),
         (lambda m: m.update(format="zip"), "not an export"),
         (lambda m: m.update(artifacts=[]), "no artifacts"),
         (lambda m: m.update(artifacts=m["artifacts"] * 400), "more than 4"),
