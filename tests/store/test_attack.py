@@ -117,6 +117,12 @@ def test_checksums_of_hdf5_are_made_as_hdf5_makes_them() -> None:
     assert lookup3(data[4096 : 4096 + 44]) == int.from_bytes(data[4096 + 44 : 4096 + 48], "little")
 
 
+@pytest.mark.parametrize("name", ["checkpoints.curve_missing", "reuse.of_fewer_iterations", "archives.two_trainings"])
+def test_files_that_take_a_training_or_several_artifacts_can_be_made(name: str) -> None:
+    built = forked(lambda: len(CASES[name].build(GOOD)), 30)
+    assert isinstance(built.value, int) and built.value > 4096, built
+
+
 def test_there_are_many_cases_of_every_family() -> None:
     families: dict[str, list[Case]] = {}
     for case in CASES.values():

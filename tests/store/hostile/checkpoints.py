@@ -38,10 +38,10 @@ def training(seed: int) -> tuple[dict[str, Any], State]:
     """Arrays and state of a training after two of four iterations."""
     from skillcli.learning.learner import Learner
     from skillcli.recipe import load_recipe
-    from skillcli.tasks.registry import make
+    from skillcli.tasks.world import World
 
     recipe = load_recipe("point", KEYS)
-    learner = Learner(make(recipe.task, recipe.training.simulations, 1), recipe, seed)
+    learner = Learner(World.of(recipe).make_env(recipe.training.simulations, 1), recipe, seed)
     learner.iterate()
     learner.iterate()
     arrays, state = learner.state()
