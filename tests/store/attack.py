@@ -19,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import traceback
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -194,14 +195,19 @@ def build(case: Case, good: Good, file: Path) -> None:
     """Write the file of a case, in a process of its own: what making it takes must not count for what comes after."""
     child = os.fork()
     if not child:
-        data = case.build(good)
-        if case.form == "checkpoint":
-            from hostile.checkpoints import place
+        try:
+            data = case.build(good)
+            if case.form == "checkpoint":
+                from hostile.checkpoints import place
 
-            file = place(file.parent / "imported")
-            file.parent.mkdir(parents=True)
-        file.write_bytes(data)
-        os._exit(0)
+                file = place(file.parent / "imported")
+                file.parent.mkdir(parents=True)
+            file.write_bytes(data)
+            os._exit(0)
+        except Exception:
+            traceback.print_exc()
+        finally:  # whatever happens, it never goes on as a second one of us
+            os._exit(1)
     assert os.waitpid(child, 0)[1] == 0, f"{case.name} could not be made"
 
 

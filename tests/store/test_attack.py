@@ -11,8 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from command import skill
 from forked import MEGABYTES, SECONDS, End, forked
 from hostile import CASES, Case, Good
+from hostile.checkpoints import SETTINGS, place
 from hostile.good import NAME
 from hostile.layout import Bytes, lookup3
 
@@ -121,6 +123,16 @@ def test_checksums_of_hdf5_are_made_as_hdf5_makes_them() -> None:
 def test_files_that_take_a_training_or_several_artifacts_can_be_made(name: str) -> None:
     built = forked(lambda: len(CASES[name].build(GOOD)), 30)
     assert isinstance(built.value, int) and built.value > 4096, built
+
+
+@pytest.mark.parametrize("name", ["good", "weight_missing", "state_is_a_list", "seconds_are_nan"])
+def test_a_hostile_checkpoint_is_refused_and_an_unchanged_one_resumed(tmp_path: Path, name: str) -> None:
+    case, path = CASES[f"checkpoints.{name}"], place(tmp_path)
+    path.parent.mkdir(parents=True)
+    path.write_bytes(case.build(GOOD))
+    told = skill("--store", tmp_path, "pretrain", "point", "--name", NAME, "--resume", *SETTINGS)
+    assert told.code == (0 if name == "good" else 1), told.err
+    assert "unexpected" not in told.err
 
 
 def test_there_are_many_cases_of_every_family() -> None:

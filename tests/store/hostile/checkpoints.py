@@ -1,11 +1,10 @@
 # ruff: noqa: E501 - tables of one case a line
-"""Checkpoints of a training that nobody did; made with the store's own means, so that whatever it signs is signed."""
+"""Checkpoints of a training that nobody did; packed as the store does, so that all hashes are right, but not checked."""
 
 from __future__ import annotations
 
 import json
 import math
-import tempfile
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
@@ -22,15 +21,21 @@ State = dict[str, Any]
 Edit = Callable[[dict[str, Any], State], Any]
 
 
-def place(root: Path, seed: int = 0) -> Path:
+def place(root: Path) -> Path:
     """Where `skill pretrain point --name hostile` keeps its checkpoint."""
+    from skillcli.store import Store
+
+    return Store(root).checkpoint_path(NAME, "pretrain", inputs())
+
+
+def inputs() -> str:
+    """What the training says that it was made of, and a checkpoint too."""
     from skillcli.evaluation.inputs import pretrain_inputs
     from skillcli.recipe import load_recipe
-    from skillcli.store import Store
     from skillcli.tasks.world import World
 
     recipe = load_recipe("point", KEYS)
-    return Store(root).checkpoint_path(NAME, "pretrain", pretrain_inputs(recipe, World.of(recipe), seed))
+    return pretrain_inputs(recipe, World.of(recipe), 0)
 
 
 @lru_cache(maxsize=4)
@@ -45,19 +50,20 @@ def training(seed: int) -> tuple[dict[str, Any], State]:
     learner.iterate()
     learner.iterate()
     arrays, state = learner.state()
-    return {path: np.array(array) for path, array in arrays.items()}, {**state, "wall_seconds": 1.0}
+    return {path: np.array(array) for path, array in arrays.items()}, {**state, "wall_seconds": 1.0, "inputs_sha256": inputs()}
 
 
 def saved(edit: Edit, seed: int = 0) -> Callable[[Good], bytes]:
     def build(_: Good) -> bytes:
-        from skillcli.store import save_checkpoint
+        from skillcli.store.container import Contents, checked_arrays, pack, text_array
+        from skillcli.store.provenance import package_versions
 
         arrays, state = (dict(part) for part in training(seed))
         changed = edit(arrays, state)
-        with tempfile.TemporaryDirectory() as folder:
-            path = place(Path(folder))
-            save_checkpoint(path, arrays, state if changed is None else changed)
-            return path.read_bytes()
+        text = json.dumps(state if changed is None else changed, sort_keys=True, separators=(",", ":"))
+        header = {"kind": "checkpoint", "schema_version": 1, "packages": package_versions()}
+        contents = Contents({}, {**checked_arrays(arrays), "record/state": text_array(text)})
+        return bytes(pack(header, contents, lambda _, ndim: (",".join(f"axis{i}" for i in range(ndim)), ""), gzip=False))
 
     return build
 
@@ -171,11 +177,13 @@ DAMAGES: dict[str, tuple[Right, Edit]] = {
     "curve_is_nan": ("either", array("curves/return", lambda c: c * np.nan)),
     "curve_of_two_dimensions": ("refused", array("curves/return", lambda c: c.reshape(1, -1))),
     "curve_more": ("refused", more("curves/surprise", np.zeros(2))),
+    "inputs_of_another_training": ("refused", says(inputs_sha256="0" * 64)),
+    "inputs_are_a_number": ("refused", says(inputs_sha256=3)),
     "array_more": ("either", more("surprise", np.zeros(2))),
 }  # fmt: skip
 for name, (right, edit) in DAMAGES.items():
     add(f"checkpoints.{name}", saved(edit), right, form="checkpoint")
-for key in ("iteration", "env_steps", "sampling_seconds", "policy_rate", "generator", "pool", "wall_seconds"):
+for key in ("iteration", "env_steps", "sampling_seconds", "policy_rate", "generator", "pool", "wall_seconds", "inputs_sha256"):
     add(f"checkpoints.no_{key}", saved(lacks(key)), form="checkpoint")
 add("checkpoints.of_another_seed", saved(lambda *_: None, seed=77), form="checkpoint")
 add("checkpoints.good", saved(lambda *_: None), "accepted", form="checkpoint")
