@@ -10,6 +10,7 @@ import numpy as np
 
 from skillcli.kinds.arrays import TRAJECTORIES
 from skillcli.kinds.embed_means import EMBED_MEANS
+from skillcli.kinds.outcome import check_domain_name, check_rate
 from skillcli.kinds.pretrain import PRETRAIN
 from skillcli.kinds.record import Interval, Measured, Point, Record, optional
 from skillcli.kinds.spec import (
@@ -153,6 +154,9 @@ def _check(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Sizes
     yield from counted("results.final_distances_m", results["final_distances_m"], routes)
     yield from all_or_none(arrays, "calibration/pair", "calibration/share", "calibration/end")
     yield from different(arrays, "calibration/pair")
+    if (ahead := results.get("predicted")) is not None:
+        yield from check_domain_name(ahead["domain"], "results.predicted")
+        yield from check_rate(ahead, ahead["robots"])
     if results["routes"] != routes:
         yield f"results.routes is {results['routes']}, there are {routes}"
     said = [*results["segments"], *results["waypoints"], *results.get("broken", ())]

@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from skillcli.kinds.record import Interval, Record, optional
+
+DOMAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,39}", re.ASCII)
+"""Name of a domain: part of a path in the file, and of labels in figures."""
+
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,3 +39,18 @@ class Outcome(Record):
     unstable: int = optional(0)  # episodes in which the simulation diverged
     gave_up: int = optional(0)  # replanned episodes that ended away from their goal
     final_distance_m: Distances
+
+
+def check_rate(found: Mapping[str, Any], trials: int) -> Iterator[str]:
+    """Report successes, rate and interval that contradict each other."""
+    if not 0 <= found["successes"] <= trials:
+        yield f"{found['successes']} of {trials} episodes succeed"
+    low, high = found["ci95"]
+    if not 0 <= low <= found["success_rate"] + _ROUNDING <= high + 2 * _ROUNDING <= 1 + 3 * _ROUNDING:
+        yield f"the success rate {found['success_rate']:g} and its interval {low:g} to {high:g} contradict each other"
+
+
+def check_domain_name(name: str, where: str) -> Iterator[str]:
+    """Report what is not the name of a domain."""
+    if not DOMAIN_NAME.fullmatch(name):
+        yield f"{where} names one {name[:40]!r}, which is not the name of a domain"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -12,18 +11,13 @@ import numpy as np
 from skillcli.kinds.arrays import TRAJECTORIES
 from skillcli.kinds.compose import COMPOSE
 from skillcli.kinds.embed_means import EMBED_MEANS
-from skillcli.kinds.outcome import Distances, Outcome
+from skillcli.kinds.outcome import Distances, Outcome, check_domain_name, check_rate
 from skillcli.kinds.pretrain import PRETRAIN
 from skillcli.kinds.record import Interval, Measured, Record, optional, rest
 from skillcli.kinds.spec import COUNT, Array, Field, KindSpec, Sizes
 
-DOMAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,39}", re.ASCII)
-"""Name of a domain: part of a path in the file, and of labels in figures."""
-
 MOST_DOMAINS = 100
 """Most domains of one transfer: a picture has a part for each."""
-
-_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,21 +110,12 @@ def _check(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Sizes
             if array.shape[1:] != widths.setdefault(parameter, array.shape[1:]):
                 yield f"{path} has {array.shape[1:]} values in each episode, another domain {widths[parameter]}"
     for domain in domains:
-        if not DOMAIN_NAME.fullmatch(domain["name"]):
-            yield f"results.domains names one {domain['name'][:40]!r}, which is not the name of a domain"
-        yield from _check_domain(domain, total)
+        yield from check_domain_name(domain["name"], "results.domains")
+        yield from check_rate(domain, domain["episodes"])
+        if not all(0 <= each["episode"] < total for each in domain.get("worst", ())):
+            yield "results.domains names an episode that does not exist"
     if results["source"]["episodes"] < 1:
         yield "results.source has no episodes"
-
-
-def _check_domain(domain: Mapping[str, Any], total: int) -> Iterator[str]:
-    if not 0 <= domain["successes"] <= domain["episodes"]:
-        yield f"{domain['successes']} of {domain['episodes']} episodes succeed"
-    low, high = domain["ci95"]
-    if not 0 <= low <= domain["success_rate"] + _ROUNDING <= high + 2 * _ROUNDING <= 1 + 3 * _ROUNDING:
-        yield f"the success rate {domain['success_rate']:g} and its interval {low:g} to {high:g} contradict each other"
-    if not all(0 <= each["episode"] < total for each in domain.get("worst", ())):
-        yield "results.domains names an episode that does not exist"
 
 
 TRANSFER_EVAL = KindSpec(

@@ -18,7 +18,8 @@ from skillcli.config.explain import complaint
 from skillcli.config.randomization import PARAMETERS, Distribution, Distributions, closest
 from skillcli.config.toml_file import read_toml
 from skillcli.errors import UsageError
-from skillcli.kinds.transfer_eval import DOMAIN_NAME, MOST_DOMAINS
+from skillcli.kinds.outcome import DOMAIN_NAME
+from skillcli.kinds.transfer_eval import MOST_DOMAINS
 from skillcli.paths import expanded
 
 PRESETS = (

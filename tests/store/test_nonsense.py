@@ -156,6 +156,10 @@ def put(path: str, value: Any) -> Callable[[dict[str, Any]], None]:
     return change
 
 
+def foreseen(**changes: Any) -> dict[str, Any]:
+    return {"domain": "mild", "robots": 40, "successes": 30, "success_rate": 0.75, "ci95": [0.6, 0.86], **changes}
+
+
 ANSWERS = [
     ("pretrain", lambda found: found.clear(), "results.env_steps is missing; results.success_rate is missing"),
     ("pretrain", put("env_steps", True), "results.env_steps must be a whole number, got bool"),
@@ -172,6 +176,10 @@ ANSWERS = [
     ("embed-means", put("skills.0.mean", [0.0]), "a mean in the results has 1 entries, expected 3"),
     ("compose", put("method", 7), "results.method must be text"),
     ("compose", put("routes", 3), "results.routes is 3, there are 2"),
+    ("compose", put("predicted", foreseen(successes=41)), "41 of 40 episodes succeed"),
+    ("compose", put("predicted", foreseen(ci95=[0.8, 0.9])), "the success rate 0.75 and its interval 0.8 to 0.9 contradict"),
+    ("compose", put("predicted", foreseen(domain="[red]x")), "names one '[red]x', which is not the name of a domain"),
+    ("compose", put("predicted", foreseen(robots="all")), "results.predicted.robots must be a whole number"),
     ("compose", put("segments.0.route", 9), "the results name a route that does not exist"),
     ("compose", put("broken", [{"route": 0}]), "results.broken[0].limit is missing"),
     ("compose", put("violations", {"x": "y"}), "results.violations.'x' must be a whole number"),
