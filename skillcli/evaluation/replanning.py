@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -87,15 +88,18 @@ class Replanner:
         robots = SampledRobots({"latency": np.zeros(1)})
         problem = problem_of(library, recipe, method, np.zeros((0, 3)), robots)
         settings = problem.settings
+        assert isinstance(settings, SearchSettings | MpcSettings)
+        changed: dict[str, Any] = {"goal_tolerance": min(settings.goal_tolerance, MARGIN * problem.tolerance)}
         if isinstance(settings, SearchSettings):
             # frequent replanning must be fast: use the nominal robot and the shortest segments
-            settings = settings.model_copy(update={"segments": (min(settings.segments),)})
-            problem = replace(problem, settings=settings)
+            changed["segments"] = (min(settings.segments),)
+        settings = settings.model_copy(update=changed)
+        problem = replace(problem, settings=settings)
+        if isinstance(settings, SearchSettings):
             self._choices = choices_of(problem)
             slots, longest = recipe.transfer.replan_batch * len(self._choices.latent), settings.segments[0]
         else:
-            own = problem.settings_as(MpcSettings)
-            slots, longest = own.samples, own.segment
+            slots, longest = settings.samples, settings.segment
         self.problem, self.recipe, self.effort = problem, recipe, Effort()
         self.act = library.agent.act
         self._simulations = robots.make_env(library.world, slots)
@@ -137,10 +141,10 @@ class Replanner:
 
     @property
     def goal_tolerance(self) -> float:
-        """Distance at which the episode may stop, m."""
+        """Distance at which the episode may stop, as the sensors tell it, m."""
         own = self.problem.settings
         assert isinstance(own, SearchSettings | MpcSettings)
-        return min(own.goal_tolerance, self.problem.tolerance)
+        return own.goal_tolerance
 
     @property
     def final_speed(self) -> float:

@@ -262,6 +262,16 @@ def test_who_gave_up_is_told_below_the_table() -> None:
     assert _gave_up(rows[:1]) == []
 
 
+def test_where_little_is_allowed_it_comes_nearer_than_the_planner_would() -> None:
+    assert planning().goal_tolerance == 0.02
+    for method in ("search", "mpc"):
+        recipe = resolve({"name": "r", "task": {"name": "reach", "tolerance": 0.02}, "mpc": {"samples": 4, "elites": 2}})
+        library = Joints()
+        library.world = world(recipe.task)
+        strict = Replanner(library, recipe, method)  # type: ignore[arg-type]
+        assert strict.goal_tolerance == pytest.approx(0.016), "the sensors are off by millimetres"
+
+
 def test_near_the_goal_it_stops_where_a_plan_should_end_no_nearer() -> None:
     away = episode((0.6, 0.1, 0.25), 60, goal_tolerance=1e-6)
     assert away.success[0] and away.length[0] < 30, "not to overshoot again and again until half of the time is over"
