@@ -44,6 +44,27 @@ def final_distance(trajectories: Trajectories) -> Array:
     return distance
 
 
+def final_yaw(trajectories: Trajectories) -> Array | None:
+    """Compute how far the object was turned about the vertical from start to end, (E,) degrees in (-180, 180].
+
+    Counter-clockwise as seen from above; None without an object.
+    """
+    if trajectories.object_pose is None:
+        return None
+    episodes = np.arange(trajectories.episodes)
+    start, end = trajectories.object_pose[:, 0, 3:], trajectories.object_pose[episodes, trajectories.length, 3:]
+    turned = np.degrees(yaw(end) - yaw(start))
+    wrapped: Array = 180.0 - (180.0 - turned) % 360.0
+    return wrapped
+
+
+def yaw(quaternion: Array) -> Array:
+    """Compute the heading of a body's x axis as seen from above, (..., 4) w x y z to (...,) rad."""
+    w, x, y, z = np.moveaxis(np.asarray(quaternion, dtype=float), -1, 0)
+    heading: Array = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return heading
+
+
 def distance_summary(distance: Array) -> dict[str, float]:
     """Compute mean, median, quartiles, 10th and 90th percentile of distances (E,), m."""
     quantiles = {"p10": 0.1, "p25": 0.25, "median": 0.5, "p75": 0.75, "p90": 0.9}

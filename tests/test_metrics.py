@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -21,6 +23,28 @@ def test_difference_interval_against_published_numbers_and_by_hand() -> None:
     # 0.5 - hypot(0.3, 0.4), 0.5 + hypot(0.1, 0.1)
     assert metrics.difference_interval(0.8, (0.5, 0.9), 0.3, (0.2, 0.7)) == pytest.approx((0.0, 0.5 + 0.02**0.5))
     assert metrics.difference_interval(1.0, (1.0, 1.0), 0.3, (0.2, 0.7)) == pytest.approx((0.3, 0.8)), "one known exactly"
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "turned"), [(0, 30, 30), (0, -30, -30), (170, -170, 20), (-100, 100, -160), (90, -90, 180)]
+)
+def test_an_object_is_turned_by_the_shorter_way(start: float, end: float, turned: float) -> None:
+    def pose(degrees: float) -> list[float]:
+        half = np.radians(degrees) / 2
+        return [0, 0, 0, np.cos(half), 0, 0, np.sin(half)]
+
+    path = recording([[0, 0, 0]] * 4, [0, 0, 0], length=2, box=True)
+    object_pose = np.array([[pose(start), pose(77), pose(end), pose(5)]])
+    found = metrics.final_yaw(replace(path, object_pose=object_pose))
+    assert found == pytest.approx([turned]), "at the end of the episode, not of the array"
+    assert metrics.final_yaw(recording([[0, 0, 0]] * 4, [0, 0, 0], length=2)) is None
+
+
+def test_yaw_is_the_heading_as_seen_from_above() -> None:
+    lean = np.radians(20) / 2
+    about_x = [np.cos(lean), np.sin(lean), 0, 0]
+    assert metrics.yaw(np.array(about_x)) == pytest.approx(0), "a box that leans has not turned"
+    assert metrics.yaw(np.array([[0.5**0.5, 0, 0, 0.5**0.5], [1, 0, 0, 0]])) == pytest.approx([np.pi / 2, 0])
 
 
 def test_distances_are_summed_up_by_quantiles() -> None:

@@ -33,6 +33,10 @@ def _centimetres(metres: float | None) -> str:
     return "–" if metres is None else f"{100 * metres:.1f} cm"
 
 
+def _degrees(degrees: float) -> str:
+    return f"{degrees:.0f}°"
+
+
 def _table(*columns: str) -> Table:
     table = Table()
     for index, column in enumerate(columns):
@@ -48,10 +52,12 @@ def _title(artifact: Artifact, more: str = "") -> Text:
 def pretrain(artifact: Artifact) -> Group:
     """List every skill of a training."""
     found, measured = PRETRAIN.results_of(artifact), PRETRAIN.measured_of(artifact)
-    table = _table("skill", "goal (m)", "at the mean", "sampled latents")
-    for skill in found.skills:
+    turned = [_degrees(skill.final_yaw_deg) for skill in found.skills if skill.final_yaw_deg is not None]
+    table = _table("skill", "goal (m)", "at the mean", *["box turned"] * bool(turned), "sampled latents")
+    for index, skill in enumerate(found.skills):
         goal = ", ".join(f"{x:g}" for x in skill.goal)
-        table.add_row(skill.name, goal, _centimetres(skill.final_distance_m), f"{skill.success_rate:.0%}")
+        distance = _centimetres(skill.final_distance_m)
+        table.add_row(skill.name, goal, distance, *turned[index : index + 1], f"{skill.success_rate:.0%}")
     ratio = measured.throughput.training_ratio
     share = f", {ratio:.0%} of the bare engine" if ratio else ""
     caption = (
@@ -108,6 +114,8 @@ def plan(artifact: Artifact) -> Group:
     met = "success" if found.success else "failed"
     limits = [f"violates {where(violation)}" for violation in found.broken]
     ends = f"ends {_centimetres(found.final_distance_m)} from the last goal"
+    if found.final_yaws_deg:
+        ends += f", the box turned by {_degrees(max(found.final_yaws_deg, key=abs))}"
     if found.routes > 1:
         met, ends = f"{round(found.success_rate * found.routes)} of {found.routes} routes succeed", f"the worst {ends}"
         steps = "; ".join(
@@ -138,13 +146,15 @@ def where(violation: Violation) -> str:
 def transfer(artifact: Artifact) -> Group:
     """List every domain of a transfer."""
     found = TRANSFER_EVAL.results_of(artifact)
-    table = _table("domain", "success", "95 %", "gap", "retention", "median", "p90", "replay")
+    turns = any(domain.final_yaw_deg for domain in found.domains)
+    table = _table("domain", "success", "95 %", "gap", "retention", "median", "p90", *["box turned"] * turns, "replay")
     for domain in found.domains:
-        distance, replay = domain.final_distance_m, domain.replay_error_m
+        distance, replay, turned = domain.final_distance_m, domain.replay_error_m, domain.final_yaw_deg
         table.add_row(
             domain.name, f"{domain.successes}/{domain.episodes}", _interval(domain),
             "–" if domain.gap is None else f"{domain.gap:.0%}", "–" if domain.retention is None else f"{domain.retention:.2f}",
-            _centimetres(distance.median), _centimetres(distance.p90), _centimetres(replay.median if replay else None),
+            _centimetres(distance.median), _centimetres(distance.p90),
+            *[_degrees(turned.median) if turned else "–"] * turns, _centimetres(replay.median if replay else None),
         )  # fmt: skip
     again = ", with replanning" if found.replanned else ""
     robot = f"the robot of {found.robot.file}" if found.robot else "other robots"

@@ -7,7 +7,7 @@ import numpy as np
 from skillcli import metrics
 from skillcli.config.randomization import MANNERS, NEEDS, PARAMETERS
 from skillcli.evaluation.transfer_evaluator import TargetRobots
-from skillcli.kinds.outcome import Distances, Outcome
+from skillcli.kinds.outcome import Distances, Outcome, Turns
 from skillcli.kinds.transfer_eval import Alone, DomainResults, SourceResults, WorstEpisode
 from skillcli.trajectories import Array, Trajectories
 
@@ -76,12 +76,22 @@ def outcome(recording: Trajectories, repeats: bool) -> Outcome:
         unstable=int((~recording.stable).sum()),
         gave_up=int(recording.given_up.sum()),
         final_distance_m=_summary(metrics.final_distance(recording)[recording.stable]),
+        final_yaw_deg=_turns(recording),
     )
 
 
 def _summary(distance: Array) -> Distances:
     """Summarize distances like `metrics.distance_summary`; None without episodes."""
     return Distances(**metrics.distance_summary(distance)) if len(distance) else Distances(mean=None, median=None, p90=None)
+
+
+def _turns(recording: Trajectories) -> Turns | None:
+    """Summarize how far the object was turned in the stable episodes; None without an object or without episodes."""
+    turned = metrics.final_yaw(recording)
+    if turned is None or not recording.stable.any():
+        return None
+    either_way = np.abs(turned[recording.stable])
+    return Turns(median=float(np.median(either_way)), p90=float(np.quantile(either_way, 0.9)))
 
 
 def count_violations(recording: Trajectories) -> dict[str, int]:

@@ -127,6 +127,7 @@ class ComposeResults(Record):
     waypoints: tuple[Waypoint, ...]
     final_distance_m: float  # the largest
     final_distances_m: tuple[float, ...]  # of each route
+    final_yaws_deg: tuple[float, ...] | None = optional(None)  # of the object in each route, from its start; None without one
     waypoints_met: bool | None = optional(None)  # regardless of limits; None: unknown
     violations: Mapping[str, int] = optional({})  # control steps that violate each limit; empty if unknown
     broken: tuple[Violation, ...] = optional(())
@@ -152,6 +153,7 @@ def _check(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Sizes
     for name, wanted in (("segments", sizes["plan: segment"]), ("waypoints", sizes["waypoints: waypoint"])):
         yield from counted(f"results.{name}", results[name], wanted)
     yield from counted("results.final_distances_m", results["final_distances_m"], routes)
+    yield from counted("results.final_yaws_deg", results.get("final_yaws_deg", [0.0] * routes), routes)
     yield from all_or_none(arrays, "calibration/pair", "calibration/share", "calibration/end")
     yield from different(arrays, "calibration/pair")
     if (ahead := results.get("predicted")) is not None:

@@ -28,6 +28,14 @@ class Distances(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Turns(Record):
+    """How far objects were turned about the vertical, either way, degrees."""
+
+    median: float
+    p90: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class Outcome(Record):
     """Success rate and final distances of episodes."""
 
@@ -39,6 +47,7 @@ class Outcome(Record):
     unstable: int = optional(0)  # episodes in which the simulation diverged
     gave_up: int = optional(0)  # replanned episodes that ended away from their goal
     final_distance_m: Distances
+    final_yaw_deg: Turns | None = optional(None)  # None: no object, no stable episode, or an older one
 
 
 def check_rate(found: Mapping[str, Any], trials: int) -> Iterator[str]:

@@ -20,6 +20,7 @@ class TrainedSkill(Record):
     goal: Point
     final_distance_m: float  # at the mean latent
     success_rate: float  # over sampled latents
+    final_yaw_deg: float | None = optional(None)  # of the object at the mean latent, from its start; None without one
 
 
 @dataclass(frozen=True, kw_only=True)

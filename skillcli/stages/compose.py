@@ -175,7 +175,7 @@ def _results(
     finding: Finding,
 ) -> ComposeResults:
     period = recipe.task.control_period
-    distance = metrics.final_distance(recording)
+    distance, turned = metrics.final_distance(recording), metrics.final_yaw(recording)
     return ComposeResults(
         method=method,
         task=request.task or GOALS,
@@ -193,4 +193,5 @@ def _results(
         ),
         final_distance_m=float(distance.max()),
         final_distances_m=tuple(distance.tolist()),
+        final_yaws_deg=None if turned is None else tuple(turned.tolist()),
     )

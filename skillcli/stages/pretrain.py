@@ -280,6 +280,8 @@ def _results(
 ) -> PretrainResults:
     mean, std = learner.agent.embed()
     goals, drawn = learner.env.goals, evaluation.success[:, 1:]
+    at_means = np.arange(len(mean)) * (evaluation.trajectories.episodes // len(mean))
+    turned = metrics.final_yaw(evaluation.trajectories.select(at_means))
     recognised = metrics.most_likely_skill(evaluation.inferred[:, 1:], mean, std) == np.arange(len(mean))[:, None]
     return PretrainResults(
         env_steps=learner.env_steps,
@@ -290,6 +292,7 @@ def _results(
                 goal=point(goals[k]),
                 final_distance_m=float(evaluation.final_distance[k, 0]),
                 success_rate=float(drawn[k].mean()),
+                final_yaw_deg=None if turned is None else float(turned[k]),
             )
             for k, name in enumerate(skill_names(recipe))
         ),

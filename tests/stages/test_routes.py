@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 from command import PLACES, made, skill
+from rich.console import Console
 from worlds import JOINTS, named_routes
 
 from skillcli import metrics
+from skillcli.cli.tables import table_of
 from skillcli.composition.plan import Segment
 from skillcli.errors import UsageError
 from skillcli.evaluation.episode_schedule import EpisodeSchedule
@@ -57,6 +60,21 @@ def test_every_artifact_of_a_push_is_whole_and_its_recording_agrees_with_itself(
     np.testing.assert_allclose(np.linalg.norm(path.object_pose[..., 3:], axis=-1), 1, atol=1e-5)
     np.testing.assert_array_equal(path.achieved_goal[..., :2], path.object_pose[..., :2])
     assert (path.achieved_goal[..., 2] == 0).all() and (path.target[:, 2] == 0).all(), "in the plane of the table"
+
+
+def test_how_far_the_box_was_turned_is_told(push_chain: Path) -> None:
+    trained, composed, moved = (read(push_chain, stage) for stage in ("pretrain", "compose", "transfer-eval"))
+    turned = [skill["final_yaw_deg"] for skill in trained.results["skills"]]
+    recording = Trajectories(**trained.group("trajectories"))
+    all_of_them = metrics.final_yaw(recording)
+    assert all_of_them is not None and turned == pytest.approx(all_of_them[:: recording.episodes // len(turned)])
+    assert len(composed.results["final_yaws_deg"]) == composed.results["routes"]
+    for domain in moved.results["domains"]:
+        assert 0 <= domain["final_yaw_deg"]["median"] <= domain["final_yaw_deg"]["p90"] <= 180
+    for artifact in (trained, composed, moved):
+        console = Console(width=120, file=io.StringIO())
+        console.print(table_of(artifact))
+        assert isinstance(console.file, io.StringIO) and "turned" in console.file.getvalue()
 
 
 def test_stored_push_skills_act_as_the_trained_ones_did(push_chain: Path) -> None:

@@ -176,6 +176,8 @@ ANSWERS = [
     ("embed-means", put("skills.0.mean", [0.0]), "a mean in the results has 1 entries, expected 3"),
     ("compose", put("method", 7), "results.method must be text"),
     ("compose", put("routes", 3), "results.routes is 3, there are 2"),
+    ("compose", put("final_yaws_deg", [0.0]), "results.final_yaws_deg has 1 entries, expected 2"),
+    ("compose", put("final_yaws_deg", "ninety"), "results.final_yaws_deg must be a list"),
     ("compose", put("predicted", foreseen(successes=41)), "41 of 40 episodes succeed"),
     ("compose", put("predicted", foreseen(ci95=[0.8, 0.9])), "the success rate 0.75 and its interval 0.8 to 0.9 contradict"),
     ("compose", put("predicted", foreseen(domain="[red]x")), "names one '[red]x', which is not the name of a domain"),
