@@ -35,10 +35,10 @@ from skillcli.trajectories import Array, Trajectories
 
 MARGIN = 0.8  # of the tolerance of success: sensors are off by millimetres
 ARM_LIMITS = 3  # number of limits of an arm without an object; limits of the object follow
-KEPT = ("box_pressed", "box_tipped")  # limits that a plan keeps; sensor noise alone may violate those of the arm
+PLANNED_LIMITS = ("box_pressed", "box_tipped")  # limits that a plan keeps; sensor noise alone may violate those of the arm
 # Contact friction of the robots that must keep these limits too: a box tips more easily where friction is high.
 FRICTION = np.array([0.6, 1.0, 1.4, 1.4])
-DOUBT = 0.01  # rad, std of the resting offset of their joints
+SAG_STD = 0.01  # rad, std of the resting offset of their joints
 PATIENCE = 0.5  # of an episode's time spent on reaching the planner's goal tolerance; afterwards the task's tolerance is enough
 FIRST_LOOK = 4  # control steps before the first replanning, because nothing is known of the target yet
 EXPECTED_ERROR = 0.01  # m, expected error of a plan before the first measurement
@@ -64,7 +64,7 @@ class Prospect:
 
     segment: Segment
     place: Array  # (3,) m, predicted achieved goal after the segment
-    to_go: float  # m, length of the way that the whole plan leaves
+    to_go: float  # m, way that is still to go once the whole plan has been executed
 
 
 class Replanner:
@@ -105,12 +105,12 @@ class Replanner:
         self._simulations = robots.make_env(library.world, slots)
         self._latency = 0.0  # s, latency of the simulations
         self._known = Identification(library.world)
-        self._world = LatentEnvironment(self._simulations, self.act, limits=KEPT)
+        self._world = LatentEnvironment(self._simulations, self.act, limits=PLANNED_LIMITS)
         self._others: Environment | None = None
         if isinstance(settings, SearchSettings) and self._simulations.violations().shape[1] > ARM_LIMITS:
             several = SampledRobots({"latency": np.zeros(len(FRICTION)), "contact_friction": FRICTION}, len(FRICTION))
             self._others = several.make_env(library.world, len(self._choices.latent))
-            self._elsewhere = LatentEnvironment(self._others, self.act, len(FRICTION), KEPT)
+            self._elsewhere = LatentEnvironment(self._others, self.act, len(FRICTION), PLANNED_LIMITS)
         self.reflex: Reflex | None = None
         if isinstance(self._simulations, ArmEnvironment) and self._simulations.violations().shape[1] > ARM_LIMITS:
             self.reflex = Reflex(self._simulations)
@@ -160,12 +160,12 @@ class Replanner:
     def _set_latency(self, latency: float) -> None:
         """Set the latency of the simulations, s."""
         if latency != self._latency:
-            late = {"latency": np.full(self._simulations.num_envs, latency)}
-            self._simulations.randomize(late, np.random.default_rng(0))  # without noise nothing is drawn
+            nominal = {"latency": np.full(self._simulations.num_envs, latency)}
+            self._simulations.randomize(nominal, np.random.default_rng(0))  # without noise nothing is drawn
             if self._others is not None:
                 friction = np.resize(FRICTION, self._others.num_envs)
-                late = {"latency": np.full(len(friction), latency), "contact_friction": friction}
-                self._others.randomize(late, np.random.default_rng(0))
+                varied = {"latency": np.full(len(friction), latency), "contact_friction": friction}
+                self._others.randomize(varied, np.random.default_rng(0))
             self._latency = latency
 
     def next(self, seen: StateEstimate, waypoints: Array, rng: np.random.Generator) -> Prospect:
@@ -191,13 +191,11 @@ class Replanner:
         """Return the choices that violate a limit of the box more often than others, over several values of friction."""
         if self._others is None:
             return frozenset()
-        each, sag = (
-            np.arange(len(FRICTION)),
-            self._known.sag + DOUBT * rng.standard_normal((len(FRICTION), self._simulations.joints)),
-        )
-        self._others.set_estimated_state(each, np.repeat(seen.state, len(each), axis=0), sag)
+        robots = np.arange(len(FRICTION))
+        sag = self._known.sag + SAG_STD * rng.standard_normal((len(robots), self._simulations.joints))
+        self._others.set_estimated_state(robots, np.repeat(seen.state, len(robots), axis=0), sag)
         latent = self._choices.latent
-        sim_states = np.tile(self._others.save(each).ravel(), (len(latent), 1))
+        sim_states = np.tile(self._others.save(robots).ravel(), (len(latent), 1))
         broken = self._elsewhere.hold(sim_states, latent, self._longest).failed.sum(axis=1)
         return frozenset(np.flatnonzero(broken > broken.min()).tolist())
 
@@ -219,11 +217,11 @@ class ReplannedEpisode:
     ) -> None:
         self._replanner, self._target, self._waypoints, self._rng = replanner, target, waypoints, rng
         self._patience = patience  # control steps
-        self._due = 0
+        self._next_waypoint = 0  # index of the waypoint to meet next
         self._prospect: Prospect | None = None
         self._errors: list[float] = []  # m, distance between measured and predicted achieved goal after each segment
         self._held, self._left = 0, 0  # control steps that the segment was held, and is still to be held
-        self._looked, self._in_time = False, True
+        self._first_plan_made, self._failed = False, False
         self._path: list[Array] = []  # (3,) m, estimated achieved goal at each step
         self._begun: Array = np.zeros((1, 0))  # estimated state at the start of the segment
         self._applied: list[Array] = []
@@ -242,7 +240,7 @@ class ReplannedEpisode:
     def condition(self, _: int, failed: Array) -> tuple[Array, Array, Array] | None:
         """See `rollout_closed_loop`."""
         if failed[0]:
-            self._in_time = False
+            self._failed = True
             return None
         seen = self._target.estimate_state()
         self._path.append(seen.achieved_goal[0])
@@ -268,20 +266,20 @@ class ReplannedEpisode:
         if self._prospect is not None and self._held == self._prospect.segment.steps:
             self._errors.append(float(np.linalg.norm(seen.achieved_goal[0] - self._prospect.place)))
         self._identify(seen)
-        self._prospect = self._replanner.next(seen, self._waypoints[self._due :], self._rng)
+        self._prospect = self._replanner.next(seen, self._waypoints[self._next_waypoint :], self._rng)
         self._held, self._left = 0, self._prospect.segment.steps
-        if not self._looked:
-            self._left, self._looked = min(self._left, FIRST_LOOK), True
+        if not self._first_plan_made:
+            self._left, self._first_plan_made = min(self._left, FIRST_LOOK), True
         return not (len(self._path) > 1 and self._near() and self._hopeless())
 
     def gave_up(self) -> bool:
         """Return whether time ran out while the achieved goal still seemed too far from the target."""
         self._path.append(self._target.estimate_state().achieved_goal[0])
-        return self._in_time and not self._near()
+        return not self._failed and not self._near()
 
     def _near(self) -> bool:
         """Whether the achieved goal is within the task's tolerance of the last waypoint."""
-        return self._due == len(self._waypoints) - 1 and self._gap() <= MARGIN * self._target.tolerance
+        return self._next_waypoint == len(self._waypoints) - 1 and self._gap() <= MARGIN * self._target.tolerance
 
     def _hopeless(self) -> bool:
         """Whether the plan is expected to end no nearer than the present position, given the errors of earlier plans."""
@@ -291,7 +289,7 @@ class ReplannedEpisode:
 
     def _gap(self) -> float:
         """Return the estimated distance to the next waypoint, m."""
-        return float(np.linalg.norm(self._path[-1] - self._waypoints[self._due]))
+        return float(np.linalg.norm(self._path[-1] - self._waypoints[self._next_waypoint]))
 
     def _identify(self, seen: StateEstimate) -> None:
         """Identify the target from the segment that has just ended."""
@@ -301,18 +299,20 @@ class ReplannedEpisode:
     def _arrived(self) -> bool:
         """Record a waypoint that is met; return whether the last one is, at a low enough speed."""
         gap = self._gap()
-        if self._due < len(self._waypoints) - 1:
-            near = MARGIN * self._target.tolerance
-            following = int(metrics.next_waypoint(self._due, self._path[-1], self._waypoints, near, keep_last=True))
-            if following > self._due:
-                self._due, self._left = following, 0  # the rest of the segment was planned for the previous waypoint
+        if self._next_waypoint < len(self._waypoints) - 1:
+            met_within = MARGIN * self._target.tolerance
+            following = int(
+                metrics.next_waypoint(self._next_waypoint, self._path[-1], self._waypoints, met_within, keep_last=True)
+            )
+            if following > self._next_waypoint:
+                self._next_waypoint, self._left = following, 0  # the rest of the segment was planned for the previous waypoint
             return False
         fastest = self._replanner.final_speed
         slow = not fastest or self._speed() <= fastest
-        near = self._replanner.goal_tolerance
+        allowed_gap = self._replanner.goal_tolerance
         if len(self._path) > self._patience:  # the skills cannot come closer to some places
-            near = max(near, MARGIN * self._target.tolerance)
-        return gap <= near and slow and len(self._path) > 1
+            allowed_gap = max(allowed_gap, MARGIN * self._target.tolerance)
+        return gap <= allowed_gap and slow and len(self._path) > 1
 
     def _speed(self) -> float:
         """Return the estimated speed of the achieved goal, m/s."""

@@ -79,14 +79,14 @@ class Rollout:
     seconds: float  # wall time, including resets and drawing of noise
 
 
-WAY = 4  # numbers that say the way to the goal
+WAY_SIZE = 4  # offset to the goal, x y z m, and its length
 
 
 def privileged(env: VectorEnvironment, sees_goal: bool) -> Array:
     """Return what the value function alone observes, (N, p): what the task shows it, and maybe the way to the goal.
 
-    That way, (3,) m, and its length are most of what the return depends on. A value function that has to learn them from
-    skill and state is wrong for long, and advantages are noise until then.
+    The way is the offset to the desired goal, (3,) m, and its length: most of what the return depends on. A value function
+    needs many iterations to learn them from skill and state; until then its errors make the advantages mostly noise.
     """
     shown = env.privileged()
     if not sees_goal:
@@ -160,7 +160,7 @@ def collect(
     kept_moments = set(rng.choice(steps, size=min(pool.SNAPSHOTS, steps), replace=False).tolist())
 
     observation = np.empty((steps + 1, num_envs, env.observation_size), dtype=np.float32)
-    aside = np.empty((steps + 1, num_envs, env.privileged_size + WAY * sees_goal), dtype=np.float32)
+    privileged_observation = np.empty((steps + 1, num_envs, env.privileged_size + WAY_SIZE * sees_goal), dtype=np.float32)
     action = np.empty((steps, num_envs, env.action_size), dtype=np.float32)
     reward = np.empty((steps, num_envs), dtype=np.float32)
     terminated, valid = np.zeros((steps, num_envs), dtype=bool), np.ones((steps, num_envs), dtype=bool)
@@ -169,12 +169,12 @@ def collect(
     terms = dict.fromkeys(env.reward_names, 0.0)
     act = Actor(agent, latent)
 
-    observation[0], aside[0] = env.observe(), privileged(env, sees_goal)
+    observation[0], privileged_observation[0] = env.observe(), privileged(env, sees_goal)
     for t in range(steps):
         np.add(act(observation[t]), exploration[t], out=action[t])
         step = env.step(action[t])
         observation[t + 1], reward[t], terminated[t], valid[t] = step.observation, step.reward, step.terminated, alive
-        aside[t + 1] = privileged(env, sees_goal)
+        privileged_observation[t + 1] = privileged(env, sees_goal)
         alive &= ~step.terminated
         for name, values in step.reward_terms.items():
             terms[name] += float(values @ alive)
@@ -183,7 +183,7 @@ def collect(
     seconds = time.perf_counter() - started
     return Rollout(
         observation=observation,
-        privileged=aside,
+        privileged=privileged_observation,
         action=action,
         reward=reward,
         reward_terms={name: total / num_envs for name, total in terms.items()},

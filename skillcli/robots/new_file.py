@@ -30,9 +30,9 @@ from skillcli.robots.tuning import BANDWIDTHS, Response, propose_gains, step_res
 from skillcli.trajectories import Array
 
 DISTANCES = (0.45, 0.4, 0.5, 0.35, 0.55, 0.3, 0.25)  # of the start from the base, as shares of the reach
-HEIGHTS = (0.17, 0.25, 0.33)  # of the start above the table, likewise
-NEAR = 0.2  # a place that no random posture comes as near to as this is out of reach, likewise
-AROUND = 0.08  # places that have to be within reach lie this far around the start, likewise
+HEIGHTS = (0.17, 0.25, 0.33)  # of the start above the table, as shares of the reach
+NEAR = 0.2  # a place that no random posture comes as near to as this share of the reach is out of reach
+AROUND = 0.08  # places that have to be within reach lie this far around the start, as a share of the reach
 FINGER_GAPS = (0.0, 0.01, 0.02, 0.04, 0.06)  # m that our finger is mounted farther out where it would stand in the hand
 ASTRAY = 0.5  # share of a step that a joint may be off in the end, before its servo counts as none
 SHORTEST, LONGEST = 0.2, 5.0  # m: the reach of an arm on a table, our finger of 13 cm included, lies between
@@ -67,7 +67,7 @@ class _Draft:
     start: tuple[float, ...] | None
 
     @property
-    def stands(self) -> Array:
+    def posture(self) -> Array:
         """The start, or home where none was found, (n,) rad."""
         return np.array(self.start or self.robot.home)
 
@@ -95,9 +95,9 @@ def propose_robot(model: str, file: Path) -> NewRobot:
         if (base := stand_on_table(spec, compiled, chain.joints)) is not None:
             keys["base"] = {"pos": base}
         torque = torque_of(compiled, chain.joints)
-        draft = _driven(file, keys, compiled, chain, torque)
+        draft = _draft_with_servos(file, keys, compiled, chain, torque)
         draft = _clear_of_the_hand(draft, hand)
-    return _told(text, draft, chain, hand, _speeds(source, chain.joints), torque, compiled)
+    return _summarised(text, draft, chain, hand, _speeds(source, chain.joints), torque, compiled)
 
 
 def _relative(source: Path, file: Path) -> str:
@@ -112,18 +112,18 @@ def _frame(hand: Hand) -> dict[str, Any]:
     return {"body": hand.body, "pos": hand.pos, "quat": hand.quat}
 
 
-def _driven(file: Path, keys: dict[str, Any], model: mujoco.MjModel, chain: Chain, torque: Array) -> _Draft:
+def _draft_with_servos(file: Path, keys: dict[str, Any], model: mujoco.MjModel, chain: Chain, torque: Array) -> _Draft:
     """The robot with its own servos where it has some, else with the stiffest proposed gains that answer a step well."""
     own = _servos(model, chain)
     if own is not None:
-        draft = _with_start(file, {**keys, **own})
-        if _follows(step_responses(draft.robot, draft.stands)):
+        draft = _draft_with_start(file, {**keys, **own})
+        if _follows(step_responses(draft.robot, draft.posture)):
             return draft
     limits = {"force": tuple(float(x) for x in torque)} if np.isfinite(torque).all() else {}
     drafts = ({**keys, "gains": {**_gains(model, chain, torque, hertz), **limits}} for hertz in BANDWIDTHS)
-    draft = _with_start(file, next(drafts))
+    draft = _draft_with_start(file, next(drafts))
     while not _answers_well(draft) and (softer := next(drafts, None)) is not None:
-        draft = _built(file, softer, draft.start)
+        draft = _build(file, softer, draft.start)
     return draft
 
 
@@ -132,7 +132,7 @@ def _gains(model: mujoco.MjModel, chain: Chain, torque: Array, hertz: float) -> 
 
 
 def _answers_well(draft: _Draft) -> bool:
-    return all(response.good for response in step_responses(draft.robot, draft.stands))
+    return all(response.good for response in step_responses(draft.robot, draft.posture))
 
 
 def _follows(responses: list[Response]) -> bool:
@@ -163,18 +163,18 @@ def _first_servo(model: mujoco.MjModel, joint: str) -> str | None:
     return None
 
 
-def _with_start(file: Path, keys: dict[str, Any]) -> _Draft:
+def _draft_with_start(file: Path, keys: dict[str, Any]) -> _Draft:
     """The robot, and a start with its gripper down before it where there is one."""
-    draft = _built(file, keys, None)
-    started = _started(draft)
-    if started.start is None and (quat := turned_forward(Kinematics(draft.robot))) is not None:
+    draft = _build(file, keys, None)
+    placed = _with_best_start(draft)
+    if placed.start is None and (quat := turned_forward(Kinematics(draft.robot))) is not None:
         pos = rotated(keys.get("base", {}).get("pos", (0.0, 0.0, 0.0)), quat)
-        turned = _started(_built(file, {**keys, "base": {"pos": pos, "quat": quat}}, None))
-        return started if turned.start is None else turned
-    return started
+        turned = _with_best_start(_build(file, {**keys, "base": {"pos": pos, "quat": quat}}, None))
+        return placed if turned.start is None else turned
+    return placed
 
 
-def _started(draft: _Draft) -> _Draft:
+def _with_best_start(draft: _Draft) -> _Draft:
     """The robot with the start that points down best, as it is where there is none."""
     kinematics, reach = Kinematics(draft.robot), draft.robot.workspace.reach
     cube = CORNERS * AROUND * reach
@@ -193,10 +193,10 @@ def _started(draft: _Draft) -> _Draft:
         best = max(best or (down, start), (down, start))
         if down >= POINTS_DOWN:
             break
-    return draft if best is None else _built(draft.path, draft.keys, best[1])
+    return draft if best is None else _build(draft.path, draft.keys, best[1])
 
 
-def _built(file: Path, keys: dict[str, Any], start: tuple[float, ...] | None) -> _Draft:
+def _build(file: Path, keys: dict[str, Any], start: tuple[float, ...] | None) -> _Draft:
     keys = keys if start is None else {**keys, "start": start}
     return _Draft(file, keys, build_described(file, file.stem, Description.model_validate(keys)), start)
 
@@ -209,7 +209,7 @@ def _clear_of_the_hand(draft: _Draft, hand: Hand) -> _Draft:
         turned = np.zeros(9)
         mujoco.mju_quat2Mat(turned, np.array(hand.quat))
         pos = tuple(round(float(x), 5) for x in np.array(hand.pos) + gap * turned.reshape(3, 3)[:, 2])
-        tried = draft if gap == 0 else _built(draft.path, {**draft.keys, "gripper": {**_frame(hand), "pos": pos}}, draft.start)
+        tried = draft if gap == 0 else _build(draft.path, {**draft.keys, "gripper": {**_frame(hand), "pos": pos}}, draft.start)
         if not any("finger" in note for note in tried.robot.notes):
             return tried
     return draft
@@ -221,13 +221,13 @@ def _speeds(source: Path, joints: tuple[str, ...]) -> tuple[float, ...] | None:
         root = ElementTree.parse(source).getroot()
     except ElementTree.ParseError:
         return None
-    said = {joint.get("name"): joint.find("limit") for joint in root.iter("joint")} if root.tag == "robot" else {}
-    limits = [said.get(name) for name in joints]
+    limit_of = {joint.get("name"): joint.find("limit") for joint in root.iter("joint")} if root.tag == "robot" else {}
+    limits = [limit_of.get(name) for name in joints]
     speeds = [float(limit.get("velocity", 0)) for limit in limits if limit is not None]
     return tuple(speeds) if len(speeds) == len(joints) and all(speed > 0 for speed in speeds) else None
 
 
-def _told(
+def _summarised(
     text: RobotText,
     draft: _Draft,
     chain: Chain,
@@ -236,7 +236,7 @@ def _told(
     torque: Array,
     model: mujoco.MjModel,
 ) -> NewRobot:
-    responses = step_responses(draft.robot, draft.stands)
+    responses = step_responses(draft.robot, draft.posture)
     guessed = [f"the arm is the {len(chain.joints)} hinges from {chain.joints[0]} to {chain.joints[-1]}"]
     guessed += [f"another arm, from {first} to {last}, is left alone" for first, last in chain.others]
     guessed.append(f"the gripper is {hand.because}")
@@ -251,10 +251,11 @@ def _told(
     if "gains" in draft.keys:
         if model.nu and _servos(model, chain) is not None:
             guessed.append("the model's own servos do not hold the arm: ours replace them")
-        worst, left = max(each.overshoot for each in responses), max(each.error for each in responses)
+        overshoot = max(response.overshoot for response in responses)
+        largest_error = max(response.error for response in responses)
         guessed.append(
             "gains are those of critically damped servos for the inertia of the links; "
-            f"a step overshoots by {100 * abs(worst):.0f} %, and ends {100 * left:.0f} % off"
+            f"a step overshoots by {100 * abs(overshoot):.0f} %, and ends {100 * largest_error:.0f} % off"
         )
     if not np.isfinite(torque).all():
         where = "gains.force" if "gains" in draft.keys else "forcerange of the model's servos"
@@ -291,14 +292,14 @@ def _mesh_cost(draft: _Draft) -> str:
             geom.contype = geom.conaffinity = 0
     bare, seconds = without.compile(), [math.inf, math.inf]
     for _ in range(REPEATS):  # by turns, and the shortest counts: other work on the machine only ever adds
-        seconds = [min(least, _seconds(draft, each)) for least, each in zip(seconds, (model, bare), strict=True)]
+        seconds = [min(least, _seconds(draft, variant)) for least, variant in zip(seconds, (model, bare), strict=True)]
     share = 100 * max(0.0, 1 - seconds[1] / seconds[0])
     return f"{int(meshes.sum())} meshes collide as their convex hulls, which takes {share:.0f} % of a step"
 
 
 def _seconds(draft: _Draft, model: mujoco.MjModel) -> float:
     """What some steps at the start take."""
-    data = held(model, draft.robot.names, tuple(draft.stands))
+    data = held(model, draft.robot.names, tuple(draft.posture))
     began = time.perf_counter()
     for _ in range(TIMED_STEPS):
         mujoco.mj_step(model, data)

@@ -13,8 +13,7 @@ from typing import Any
 
 from skillcli.errors import StoreError
 from skillcli.kinds import KINDS, kind_spec
-from skillcli.store import schema
-from skillcli.store import validation as meaning
+from skillcli.store import schema, validation
 from skillcli.store.artifact import Artifact, Draft, Header, Parent, content_hash
 from skillcli.store.canonical_json import canonical, plain, sha256
 from skillcli.store.container import RECORD, Contents, checked_arrays, pack, parse_record, peek, reading, text_array, unpack
@@ -44,7 +43,7 @@ _ATTRIBUTE_FORMS = {
     "model_sha256": re.compile(r"[0-9a-z]{0,64}", re.ASCII),
     "git_commit": re.compile(r"[0-9a-f]{0,64}", re.ASCII),
 }
-# Largest JSON texts, bytes: parsed, a text takes twenty times its size in memory, and people read it.
+# Largest JSON texts, bytes: a parsed text takes about twenty times its size in memory; they are for people, data are arrays.
 _MAX_TEXT_BYTES = {
     "command": 1 << 16,
     "recipe": 1 << 18,
@@ -165,7 +164,7 @@ def read_artifact(path: Path, expected: ArtifactId, *, older: bool = False) -> A
     fields, contents = unpack(path, check)
     with reading(path):
         artifact = _artifact(_header(fields, expected), contents)
-    return meaning.checked(artifact)
+    return validation.checked(artifact)
 
 
 def _labels(kind: str, path: str, ndim: int) -> tuple[str, str]:
@@ -210,7 +209,7 @@ def _header(fields: Mapping[str, Any], expected: ArtifactId) -> Header:
     if not 0 <= fields["seed"] < 2**63:
         raise ValueError("its seed is not between 0 and 2**63 - 1")
     if not _RECIPE_NAME.fullmatch(fields["recipe_name"]):
-        raise ValueError("its recipe's name is not one")
+        raise ValueError("its recipe name is not one of at most 64 letters, digits and . _ -")
     _check_time(fields["created_utc"])
     parents = tuple(map(_parent, fields["parents"][: MAX_PARENTS + 1]))
     if len(parents) > MAX_PARENTS:
@@ -223,7 +222,7 @@ def _header(fields: Mapping[str, Any], expected: ArtifactId) -> Header:
 
 def _check_time(text: str) -> None:
     if not _TIME.fullmatch(text):
-        raise ValueError("its time is not one in UTC with microseconds, between 2000 and 2099")
+        raise ValueError("its creation time is not a UTC time with microseconds between 2000 and 2099")
     datetime.fromisoformat(text)  # refuses days such as 30 February
 
 
@@ -261,7 +260,7 @@ def _artifact(header: Header, contents: Contents) -> Artifact:
     wrong += [] if isinstance(texts["command"], str) else ["command"]
     wrong += ["packages"] if not wrong and not all(isinstance(each, str) for each in texts["packages"].values()) else []
     if wrong:
-        raise ValueError(f"{', '.join(wrong)} is not what it should be")
+        raise ValueError(f"{', '.join(wrong)} has the wrong type: expected a text for the command, JSON objects for the others")
     if str(texts["recipe"].get("name", "")) != header.recipe_name:
         raise ValueError(f"its header names the recipe {header.recipe_name!r}, inside it is another")
     return Artifact(

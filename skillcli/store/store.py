@@ -42,7 +42,7 @@ class Store:
                 artifact's name.
         """
         draft = codec.check_draft(draft)
-        parents = tuple(Parent(one, self.header(one).content_sha256) for one in draft.parents)
+        parents = tuple(Parent(parent, self.header(parent).content_sha256) for parent in draft.parents)
         version = atomic.claim_version(self.root / check_name(draft.name), draft.kind)
         return self.put(codec.finish(draft, version, parents), parents)
 
@@ -106,8 +106,8 @@ class Store:
         header = self.header(artifact_id)
         if not schema.is_older(header.kind, header.schema_version):
             return artifact_id
-        later = [one for one in reversed(self.versions(artifact_id)) if one.version > artifact_id.version]
-        return next((one for one in later if self._origin(one) == header.content_sha256), artifact_id)
+        later = [newer for newer in reversed(self.versions(artifact_id)) if newer.version > artifact_id.version]
+        return next((newer for newer in later if self._origin(newer) == header.content_sha256), artifact_id)
 
     def _origin(self, artifact_id: ArtifactId) -> str:
         """Return the content hash of the original of a migrated artifact, "" for any other."""
@@ -213,8 +213,8 @@ class Store:
             return []
         version = kind_spec(kind).version
         wanted = (kind, version, inputs_sha256)
-        same = [one for one in self.headers() if (one.kind, one.schema_version, one.inputs_sha256) == wanted]
-        return [one.id for one in reversed(same) if name in (None, one.id.name)]
+        same = [header for header in self.headers() if (header.kind, header.schema_version, header.inputs_sha256) == wanted]
+        return [header.id for header in reversed(same) if name in (None, header.id.name)]
 
     def lineage(self, artifact_id: ArtifactId) -> list[ArtifactId]:
         """Return all ancestors, nearest first; a missing one is named, but its own ancestors are unknown.
@@ -266,7 +266,7 @@ class Store:
             StoreError: the store's folder itself cannot be listed.
         """
         names = listing.look(self.root)
-        problems: dict[ArtifactId | str, list[str]] = {one.id: [one.problem] for one in names.closed}
+        problems: dict[ArtifactId | str, list[str]] = {folder.id: [folder.problem] for folder in names.closed}
         for artifact_id in names.ids:
             with suppress(UnknownArtifact):
                 problems[artifact_id] = self.verify(artifact_id, check)
@@ -296,7 +296,10 @@ class Store:
                 raise StoreError(f"cannot remove {artifact_id}: it is pinned", f"`skill unpin {artifact_id}` first")
             if needing := self._needing(artifact_id):
                 names = ", ".join(map(str, needing[:5])) + (" and more" if len(needing) > 5 else "")
-                raise StoreError(f"cannot remove {artifact_id}: made from it: {names}", "remove those first")
+                verb = "was" if len(needing) == 1 else "were"
+                raise StoreError(
+                    f"cannot remove {artifact_id}: {names} {verb} made from it", "remove what was made from it first"
+                )
             still_held()
             self.unlink(artifact_id)
 
@@ -325,24 +328,24 @@ class Store:
         with storage_errors(f"remove {path}"):
             atomic.remove_claimed(path)
 
-    def _dependents(self, artifact_id: ArtifactId, grave: Callable[[StoreError], bool]) -> list[ArtifactId]:
-        """Return the children of an artifact; errors of other headers are raised only if `grave`."""
-        found = []
-        for one in self.ids():
+    def _dependents(self, artifact_id: ArtifactId, must_raise: Callable[[StoreError], bool]) -> list[ArtifactId]:
+        """Return the children of an artifact; errors of other headers are raised only if `must_raise` says so."""
+        candidates = []
+        for other in self.ids():
             try:
-                if container.may_mention(self._file(one), str(artifact_id)):
-                    found.append(self._header(one))
+                if container.may_mention(self._file(other), str(artifact_id)):
+                    candidates.append(self._header(other))
             except StoreError as error:
-                if grave(error):
+                if must_raise(error):
                     raise
-        made = [header for header in found if artifact_id in [parent.id for parent in header.parents]]
-        return [header.id for header in listing.newest_last(made)]
+        children = [header for header in candidates if artifact_id in [parent.id for parent in header.parents]]
+        return [header.id for header in listing.newest_last(children)]
 
     def _needing(self, artifact_id: ArtifactId) -> list[ArtifactId]:
         """Return the children of an artifact; in a circle, which only damage can make, nothing counts as a child."""
         dependents = self._dependents(artifact_id, atomic.is_disk_failure)
         circle = {artifact_id, *self._ancestors(artifact_id)} if dependents else set()
-        return [one for one in dependents if one not in circle]
+        return [child for child in dependents if child not in circle]
 
     def _ancestors(self, artifact_id: ArtifactId) -> list[ArtifactId]:
         try:

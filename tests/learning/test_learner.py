@@ -15,7 +15,7 @@ from worlds import SAWYER, make_env
 from skillcli.learning import te_ppo
 from skillcli.learning.agent import windows
 from skillcli.learning.learner import Learner
-from skillcli.learning.rollout import WAY, StartPool, collect, privileged, start_episodes
+from skillcli.learning.rollout import WAY_SIZE, StartPool, collect, privileged, start_episodes
 from skillcli.learning.saved import curve_names
 from skillcli.recipe import Recipe, load_recipe, resolve
 from skillcli.simulation.environment import Step
@@ -287,12 +287,12 @@ def test_a_value_function_may_see_the_way_to_the_goal_and_nothing_else_does() ->
     recipe = resolve(RECIPE.model_dump(mode="json"), ["network.value_sees_goal=true", "training.chained_starts=0.0"])
     trained = learner(recipe=recipe)
     rollout = collect(trained.env, trained.agent, trained.pool, 0.0, trained.rng, sees_goal=True)
-    assert rollout.privileged.shape == (11, 8, WAY) and rollout.observation.shape == (11, 8, 2)
+    assert rollout.privileged.shape == (11, 8, WAY_SIZE) and rollout.observation.shape == (11, 8, 2)
     np.testing.assert_allclose(rollout.privileged[0], np.c_[trained.env.goals[rollout.skill], np.full(8, 3.0)], rtol=1e-6)
     np.testing.assert_allclose(rollout.privileged[1:, :, -1], -rollout.reward, rtol=1e-5)
     plain = learner()
     assert trained.agent.policy.body[0].in_features == plain.agent.policy.body[0].in_features
-    assert trained.agent.value.body[0].in_features == plain.agent.value.body[0].in_features + WAY
+    assert trained.agent.value.body[0].in_features == plain.agent.value.body[0].in_features + WAY_SIZE
     resumed = run(learner(recipe=recipe), 1)
     resumed.load(*run(trained, 2).state())
     assert same(run(resumed, 1), run(trained, 1))
