@@ -9,6 +9,7 @@ from rich.pretty import Pretty
 from rich.table import Table
 from rich.text import Text
 
+from skillcli.composition.registry import all_specs
 from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, ByKind, kind_spec
 from skillcli.kinds.compose import Violation
 from skillcli.kinds.embed_means import Halfway
@@ -126,11 +127,19 @@ def plan(artifact: Artifact) -> Group:
         low, high = ahead.ci95
         limits.append(
             f"sent blindly to {ahead.domain} robots, {ahead.successes} of {ahead.robots} succeed ({low:.0%}–{high:.0%})"
-            + ("" if ahead.success_rate >= RELIABLE else "; look on the way: skill transfer-eval --replan")
+            + ("" if ahead.success_rate >= RELIABLE else f"; {_way_out(found.method)}")
         )
     effort = f"planned in {COMPOSE.measured_of(artifact).planning_seconds:.1f} s, {found.expanded_nodes} nodes"
     caption = "\n".join([f"{met}, {ends}; {effort}", *limits, f"plan {steps}"])
     return Group(_title(artifact, f": {found.method}, {found.task}"), table, caption)
+
+
+def _way_out(method: str) -> str:
+    """Say what to do with a plan that will often fail."""
+    spec = all_specs().get(method)
+    return (
+        "look on the way: skill transfer-eval --replan" if spec and spec.replans else "search and mpc can --replan on the way"
+    )
 
 
 def where(violation: Violation) -> str:

@@ -56,4 +56,8 @@ def test_another_domain_is_another_composition_and_an_unknown_one_is_refused(sto
 def test_a_plan_that_will_fail_says_how_to_go_on(store: Path) -> None:
     told = skill("--store", store, "compose", "tiny/embed-means", "--goal=0.6,0.1,0.2", *QUICK)
     assert told.code == 0 and f"sent blindly to real-like robots, 0 of {ROBOTS} succeed (0%–9%)" in told.out
-    assert "skill transfer-eval --replan" in told.out
+    assert "look on the way: skill transfer-eval --replan" in told.out
+    by_hand = skill(
+        "--store", store, "compose", "tiny/embed-means", "--goal=0.6,0.1,0.2", "--method", "sequence", "--plan", "1"
+    )
+    assert by_hand.code == 0 and "search and mpc can --replan on the way" in by_hand.out
