@@ -28,7 +28,7 @@ def arm_returns(arms: Mapping[str, tuple[Array, Array]], unit: str) -> Figure:
         style, every = look(index), max(1, len(steps) // 8)
         low, high = bootstrap(returns)
         axes.fill_between(steps, low, high, color=style.color, alpha=0.15, lw=0)
-        label = f"{name} ({len(returns)} runs)"
+        label = f"{name} ({len(returns)} run{'s' * (len(returns) != 1)})"
         axes.plot(
             steps,
             returns.mean(axis=0),
