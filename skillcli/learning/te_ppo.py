@@ -146,14 +146,15 @@ def update(
 ) -> dict[str, float]:
     """Run several epochs over one batch.
 
-    Policy with embedding, value and inference share no weights and no gradients: a thread for each. Each runs its own torch
-    operations on one core, so the result does not depend on the number of cores.
+    Policy with embedding, value and inference share no weights and no gradients: they are updated by two threads, in any
+    order (three would wait for each other at the interpreter's lock). Each runs its torch operations on one core, so the
+    result does not depend on the number of cores.
 
     `progress` of the training goes from 0 to 1. Towards its end the target KL decreases, so that the last steps settle.
     """
     orders = [rng.permutation(len(batch.action)) for _ in range(training.epochs)]
     target_kl = annealed_kl(training.target_kl, training.settle_from, progress)
-    with ThreadPoolExecutor(3, initializer=torch.set_num_threads, initargs=(1,)) as threads:
+    with ThreadPoolExecutor(2, initializer=torch.set_num_threads, initargs=(1,)) as threads:
         actor = threads.submit(_update_actor, batch, agent, optimizers.policy, training, target_kl, orders)
         value = threads.submit(_update_value, batch, agent, optimizers.value, training, orders)
         inference = threads.submit(_update_inference, batch, agent, optimizers.inference, training, orders)
