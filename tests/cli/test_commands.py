@@ -69,7 +69,7 @@ BAD = [
     (["show", "tiny/compose-v9"], 1, ["no artifact 'tiny/compose-v9'", "tiny/compose-v1"]),
     (["verify", "no such id"], 1, ["not an artifact id"]),
     (["rm", "tiny"], 1, ["not an artifact id"]),
-    (["rm", "tiny/pretrain-v1"], 1, ["tiny/embed-means-v1", "remove those first"]),
+    (["rm", "tiny/pretrain-v1"], 1, ["tiny/embed-means-v1", "remove what was made from it first"]),
     (["viz", "tiny/nothing"], 1, ["no artifact"]),
     (["recipes", "show", "raech"], 2, ["no recipe"]),
 ]  # fmt: skip

@@ -146,7 +146,9 @@ def test_resume_without_a_checkpoint_starts_anew(tmp_path: Path) -> None:
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_a_training_that_comes_apart_says_so_and_leaves_nothing(tmp_path: Path) -> None:
-    result = skill("--store", tmp_path, "--json", *SMALL, "--set", "training.reward_scale=1e30")
+    result = skill(
+        "--store", tmp_path, "--json", *SMALL, "--set", "training.reward_scale=1e12", "--set", "training.value_scale=1e-12"
+    )
     assert result.code == 1
     error = result.json["error"]
     assert "diverged" in error["message"] and "learning_rate" in error["hint"]
