@@ -121,8 +121,7 @@ def test_checksums_of_hdf5_are_made_as_hdf5_makes_them() -> None:
 
 @pytest.mark.parametrize("name", ["checkpoints.curve_missing", "reuse.of_fewer_iterations", "archives.two_trainings"])
 def test_files_that_take_a_training_or_several_artifacts_can_be_made(name: str) -> None:
-    built = forked(lambda: len(CASES[name].build(GOOD)), 30)
-    assert isinstance(built.value, int) and built.value > 4096, built
+    assert len(CASES[name].build(GOOD)) > 4096  # here: a fork would inherit torch's threads by name only, and wait for them
 
 
 @pytest.mark.parametrize("name", ["good", "weight_missing", "state_is_a_list", "seconds_are_nan"])
