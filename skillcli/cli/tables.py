@@ -9,7 +9,7 @@ from rich.pretty import Pretty
 from rich.table import Table
 from rich.text import Text
 
-from skillcli.composition.registry import all_specs
+from skillcli.composition.registry import replanning
 from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, ByKind, kind_spec
 from skillcli.kinds.compose import Violation
 from skillcli.kinds.embed_means import Halfway
@@ -136,10 +136,10 @@ def plan(artifact: Artifact) -> Group:
 
 def _way_out(method: str) -> str:
     """Say what to do with a plan that will often fail."""
-    spec = all_specs().get(method)
-    return (
-        "look on the way: skill transfer-eval --replan" if spec and spec.replans else "search and mpc can --replan on the way"
-    )
+    able = replanning()
+    if method in able:
+        return "look on the way: skill transfer-eval --replan"
+    return f"{' and '.join(able)} can --replan on the way"
 
 
 def where(violation: Violation) -> str:

@@ -70,3 +70,8 @@ def method_spec(name: str) -> MethodSpec:
 def all_specs() -> dict[str, MethodSpec]:
     """Return the spec of every method by name."""
     return {name: method.spec for name, method in METHODS.items()}
+
+
+def replanning() -> list[str]:
+    """List the methods that can plan again during an episode."""
+    return [name for name, spec in all_specs().items() if spec.replans]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from skillcli.composition.registry import all_specs, method_spec
+from skillcli.composition.registry import all_specs, method_spec, replanning
 from skillcli.errors import UsageError
 from skillcli.evaluation.library import TRAINED, fingerprint
 from skillcli.evaluation.request import Request
@@ -32,11 +32,6 @@ def robots_for(recipe: Recipe, world: World, method: str, on: str, seed: int) ->
         raise UsageError(f"--method {method} tries no latents, so it cannot plan on a domain", f"--on goes with {able}")
     settings = recipe.compose if spec.ensemble else recipe.compose.model_copy(update={"ensemble": 0})
     return SampledRobots.of(settings, on, seed, world.joints)
-
-
-def replanning() -> list[str]:
-    """List the methods that can plan again during an episode."""
-    return [name for name, spec in all_specs().items() if spec.replans]
 
 
 def pretrain_inputs(recipe: Recipe, world: World, seed: int) -> str:

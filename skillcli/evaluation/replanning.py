@@ -18,7 +18,7 @@ from skillcli.composition.latent_environment import LatentEnvironment
 from skillcli.composition.mpc import ModelPredictiveControl, MpcSettings, mpc_from
 from skillcli.composition.plan import Segment
 from skillcli.composition.planner import run
-from skillcli.composition.registry import all_specs, method_spec
+from skillcli.composition.registry import method_spec, replanning
 from skillcli.composition.search import Expansions, SearchSettings, choices_of, search_from
 from skillcli.errors import UsageError
 from skillcli.evaluation.identification import Identification
@@ -81,9 +81,9 @@ class Replanner:
 
     def __init__(self, library: Library, recipe: Recipe, method: str) -> None:
         if not method_spec(method).replans:
-            able = " or ".join(name for name, spec in all_specs().items() if spec.replans)
             raise UsageError(
-                f"a plan of --method {method} cannot be made again during an episode", f"--replan goes with {able}"
+                f"a plan of --method {method} cannot be made again during an episode",
+                f"--replan goes with {' or '.join(replanning())}",
             )
         robots = SampledRobots({"latency": np.zeros(1)})
         problem = problem_of(library, recipe, method, np.zeros((0, 3)), robots)

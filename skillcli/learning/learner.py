@@ -15,7 +15,7 @@ from skillcli.errors import SkillError
 from skillcli.learning import te_ppo
 from skillcli.learning.agent import Agent
 from skillcli.learning.mixtures import MIXED, Mixer
-from skillcli.learning.rollout import WAY_SIZE, Rollout, StartPool, VectorEnvironment, collect
+from skillcli.learning.rollout import Rollout, StartPool, VectorEnvironment, collect, privileged_size
 from skillcli.learning.saved import OF_MIXTURES, check_saved
 from skillcli.learning.settings import LearningRecipe
 from skillcli.seeding import generator
@@ -39,8 +39,8 @@ class Learner:
     def __init__(self, env: VectorEnvironment, recipe: LearningRecipe, seed: int) -> None:
         self.env, self.recipe = env, recipe
         self.sees_goal = recipe.network.value_sees_goal
-        privileged_size = env.privileged_size + WAY_SIZE * self.sees_goal
-        self.agent = Agent(recipe, env.observation_size, env.action_size, env.goals, seed, privileged_size)
+        aside = privileged_size(env, self.sees_goal)
+        self.agent = Agent(recipe, env.observation_size, env.action_size, env.goals, seed, aside)
         self.mixer = Mixer.of(recipe.mixtures, env.goals)
         self.optimizers = te_ppo.Optimizers.of(self.agent, recipe.training.learning_rate)
         self.pool = StartPool(POOL_CAPACITY)

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from skillcli.learning import gaussian
 from skillcli.learning.composer import Head, LatentBounds, Normalizer, Trace, arrays_of, check_finite, tensor
-from skillcli.learning.descent import descend, minibatches
+from skillcli.learning.descent import descend, minibatches, rows
 from skillcli.learning.gae import advantages
 from skillcli.learning.ppo import PpoSettings
 from skillcli.learning.ppo_update import standardised, update_policy
@@ -97,7 +97,7 @@ class PpoComposer:
         kl = update_policy(
             self._actor,
             orders,
-            lambda chosen: gaussian.log_prob(unit[chosen], self.policy(seen[chosen]), self.log_std.exp()),
+            lambda chosen: gaussian.log_prob(rows(unit, chosen), self.policy(rows(seen, chosen)), self.log_std.exp()),
             old,
             advantage,
             settings,
@@ -107,7 +107,7 @@ class PpoComposer:
         value_loss = torch.zeros(())
         for order in orders:
             for chosen in minibatches(order, settings.minibatch):
-                value_loss = (self.value(seen[chosen]).squeeze(-1) - target[chosen]).square().mean()
+                value_loss = (self.value(rows(seen, chosen)).squeeze(-1) - rows(target, chosen)).square().mean()
                 descend(self._critic, value_loss, settings.max_grad_norm)
         return {
             "kl": kl,

@@ -82,6 +82,11 @@ class Rollout:
 WAY_SIZE = 4  # offset to the goal, x y z m, and its length
 
 
+def privileged_size(env: VectorEnvironment, sees_goal: bool) -> int:
+    """Return how many numbers `privileged` says of each simulation, p."""
+    return env.privileged_size + WAY_SIZE * sees_goal
+
+
 def privileged(env: VectorEnvironment, sees_goal: bool) -> Array:
     """Return what the value function alone observes, (N, p): what the task shows it, and maybe the way to the goal.
 
@@ -160,7 +165,7 @@ def collect(
     kept_moments = set(rng.choice(steps, size=min(pool.SNAPSHOTS, steps), replace=False).tolist())
 
     observation = np.empty((steps + 1, num_envs, env.observation_size), dtype=np.float32)
-    privileged_observation = np.empty((steps + 1, num_envs, env.privileged_size + WAY_SIZE * sees_goal), dtype=np.float32)
+    privileged_observation = np.empty((steps + 1, num_envs, privileged_size(env, sees_goal)), dtype=np.float32)
     action = np.empty((steps, num_envs, env.action_size), dtype=np.float32)
     reward = np.empty((steps, num_envs), dtype=np.float32)
     terminated, valid = np.zeros((steps, num_envs), dtype=bool), np.ones((steps, num_envs), dtype=bool)

@@ -155,21 +155,21 @@ def update(
     orders = [rng.permutation(len(batch.action)) for _ in range(training.epochs)]
     target_kl = annealed_kl(training.target_kl, training.settle_from, progress)
     with ThreadPoolExecutor(2, initializer=torch.set_num_threads, initargs=(1,)) as threads:
-        actor = threads.submit(_update_actor, batch, agent, optimizers.policy, training, target_kl, orders)
+        actor = threads.submit(_update_actor, batch, agent, optimizers, training, target_kl, orders)
         value = threads.submit(_update_value, batch, agent, optimizers.value, training, orders)
         inference = threads.submit(_update_inference, batch, agent, optimizers.inference, training, orders)
         return actor.result() | value.result() | inference.result()
 
 
 def _update_actor(
-    batch: Batch, agent: Agent, optimizer: torch.optim.Adam, training: Training, target_kl: float, orders: list[Array]
+    batch: Batch, agent: Agent, optimizers: Optimizers, training: Training, target_kl: float, orders: list[Array]
 ) -> dict[str, float]:
     def with_entropies(loss: Tensor) -> Tensor:
         loss = loss - training.policy_entropy * gaussian.entropy(agent.policy.std)
         return loss - training.embedding_entropy * gaussian.entropy(agent.embedding.std).mean()
 
     kl = update_policy(
-        optimizer,
+        optimizers.policy,
         orders,
         lambda chosen: _log_prob(batch, agent, chosen),
         batch.old_log_prob,
@@ -181,7 +181,7 @@ def _update_actor(
     )
     return {
         "kl": kl,
-        "learning_rate": float(optimizer.param_groups[0]["lr"]),
+        "learning_rate": optimizers.policy_rate,
         "action_std": float(agent.policy.std.detach().mean()),
         "embedding_std": float(agent.embedding.std.detach().mean()),
     }

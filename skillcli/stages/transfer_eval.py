@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from skillcli import metrics
+from skillcli.composition.registry import replanning
 from skillcli.errors import UsageError
 from skillcli.evaluation.episode_schedule import EpisodeSchedule
-from skillcli.evaluation.inputs import replanning, transfer_eval_inputs
+from skillcli.evaluation.inputs import transfer_eval_inputs
 from skillcli.evaluation.library import Library, check_untouched, open_library
 from skillcli.evaluation.replanning import Replanner
 from skillcli.evaluation.transfer_evaluator import NOMINAL, TargetRobots, TransferEvaluator
