@@ -85,9 +85,10 @@ class TransferEvalResults(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class TransferEvalMeasured(Measured):
-    """Cost of replanning."""
+    """Cost of replanning, and where the robot file lay: it may lie elsewhere on another machine."""
 
     seconds_per_plan: float | None = optional(None)
+    robot_file: str | None = optional(None)
 
 
 def _check(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Sizes) -> Iterator[str]:

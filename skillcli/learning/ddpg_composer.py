@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from skillcli.learning.composer import Head, LatentBounds, Normalizer, Trace, arrays_of, check_finite, tensor
-from skillcli.learning.ddpg import DdpgSettings
+from skillcli.learning.ddpg_method import DdpgSettings
 from skillcli.learning.descent import descend
 from skillcli.learning.ring_buffer import RingBuffer
 from skillcli.seeding import generator, torch_generator

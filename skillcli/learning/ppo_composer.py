@@ -12,7 +12,7 @@ from skillcli.learning import gaussian
 from skillcli.learning.composer import Head, LatentBounds, Normalizer, Trace, arrays_of, check_finite, tensor
 from skillcli.learning.descent import descend, minibatches, rows
 from skillcli.learning.gae import advantages
-from skillcli.learning.ppo import PpoSettings
+from skillcli.learning.ppo_method import PpoSettings
 from skillcli.learning.ppo_update import standardised, update_policy
 from skillcli.seeding import generator, torch_generator
 from skillcli.trajectories import Array

@@ -111,7 +111,10 @@ def transfer_eval(
                 robot=None if robot is None else TargetRobot.read({**robot.summary, "fingerprint": robot.fingerprint}),
                 replanned=replanner is not None,
             ).json(),
-            measured=TransferEvalMeasured(seconds_per_plan=None if replanner is None else replanner.effort.mean).json(),
+            measured=TransferEvalMeasured(
+                seconds_per_plan=None if replanner is None else replanner.effort.mean,
+                robot_file=None if robot is None else str(robot.path.resolve()),
+            ).json(),
             parents=[source_id],
             model_sha256=library.world.fingerprint,
             inputs_sha256=transfer_eval_inputs(source, recipe, domains, episodes, seed, robot, sensitivity),

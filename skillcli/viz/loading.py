@@ -7,9 +7,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from skillcli.errors import SkillError
 from skillcli.evaluation.library import Library, kin, open_library
 from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, ByKind, kind_spec
+from skillcli.kinds.transfer_eval import TargetRobot
+from skillcli.robots.robot import load_target
 from skillcli.store import Artifact, ArtifactId, Store
+from skillcli.tasks.world import World
 from skillcli.trajectories import Array, Trajectories
 from skillcli.viz.scene import Runs, Scene
 
@@ -24,6 +28,7 @@ class Shown:
     intervals: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     source: Trajectories | None = None
     other_robot: str = ""
+    world: World | None = None  # that ran the episodes; None: the library's
     parameters: Mapping[str, Array] = field(default_factory=dict)
 
 
@@ -44,6 +49,7 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
     waypoints, waypoint_route, routes = _waypoints(store, artifact, library)
     shown = show(store, artifact, library)
     turn = np.arange(recording.episodes) if shown.turn is None else shown.turn
+    world = shown.world or library.world
     return Scene(
         title=str(artifact.id),
         kind=artifact.kind,
@@ -52,8 +58,8 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
         figure_settings=library.world.spec.figure_settings,
         provenance=artifact.provenance(),
         trajectories=recording,
-        model=library.world.model(),
-        joints=library.world.robot.names.joints,
+        model=world.model(),
+        joints=world.robot.names.joints,
         skills=library.names,
         goals=library.goals,
         waypoints=waypoints,
@@ -69,6 +75,8 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
         intervals=shown.intervals,
         source=shown.source,
         episode_source=turn % (shown.source.episodes if shown.source else 1),
+        source_model=library.world.model() if shown.world else None,
+        source_joints=library.world.robot.names.joints if shown.world else (),
         other_robot=shown.other_robot,
         parameters=shown.parameters,
     )
@@ -117,8 +125,19 @@ def _transferred(store: Store, artifact: Artifact, library: Library) -> Shown:
         intervals={each.name: (each.success_rate, *each.ci95) for each in found.domains},
         source=_sent(store, artifact, library),
         other_robot=found.robot.file if found.robot else "",
+        world=_target(artifact, found.robot, library.world) if found.robot else None,
         parameters=_drawn(artifact, names),
     )
+
+
+def _target(artifact: Artifact, robot: TargetRobot, world: World) -> World | None:
+    """Return the robot that ran a transfer, in its world; None if its file is gone or has changed."""
+    file = TRANSFER_EVAL.measured_of(artifact).robot_file
+    try:
+        target = load_target(file, world.robot) if file else None
+    except SkillError:
+        return None
+    return world.on(target) if target and target.fingerprint == robot.fingerprint else None
 
 
 def _sent(store: Store, artifact: Artifact, library: Library) -> Trajectories:

@@ -65,8 +65,15 @@ class Scene:
     episode_source: Array = field(
         default_factory=lambda: np.zeros(0, dtype=int)
     )  # (E,) episode of the source that each one repeats
-    other_robot: str = ""  # file of the robot that ran the episodes, if it is not `model`
+    other_robot: str = ""  # file of the robot that ran the episodes, if it is not the source's
+    source_model: mujoco.MjModel | None = None  # of the source, if `model` is the other robot's; None: `model` is the source's
+    source_joints: tuple[str, ...] = ()  # names of the arm's joints in the source's model
     parameters: Mapping[str, Array] = field(default_factory=dict)  # (E,) or (E, n); NaN: not varied by the domain
+
+    @property
+    def drawn(self) -> bool:
+        """Return whether `model` is of the arm that ran the episodes: another robot's file may be gone."""
+        return not self.other_robot or self.source_model is not None
 
     def __post_init__(self) -> None:
         """Refuse labels and skills that do not match the arrays they name."""

@@ -31,6 +31,7 @@ from skillcli.stages.transfer_eval import transfer_eval
 from skillcli.store import Artifact, ArtifactId, Store
 from skillcli.trajectories import SAFETY_LIMITS, Array, Trajectories
 from skillcli.viz.loading import scene_of
+from skillcli.viz.recording import record
 from skillcli.viz.visualise import draw
 
 SOURCE = ArtifactId("tiny", "compose", 1)
@@ -215,6 +216,22 @@ def test_episodes_run_on_another_robot_and_the_source_stays(copy: Store, setting
     drawn = own.group("domains/mild")
     for name, values in other.group("domains/mild").items():
         np.testing.assert_array_equal(values, drawn[name], err_msg=name)
+
+
+def test_another_robot_is_drawn_as_it_is_until_its_file_changes(copy: Store, tmp_path: Path) -> None:
+    for file in (ROBOT, ROBOT.with_name("servo.xml")):
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    own = scene_of(copy, moved(copy, ["nominal"]).id)
+    other = moved(copy, ["nominal"], robot=target_robot(tmp_path / ROBOT.name))
+    scene = scene_of(copy, other.id)
+    assert scene.drawn and scene.other_robot == "servo.toml"
+    assert own.model is not None and scene.model is not None and scene.source_model is not None
+    assert scene.model.nbody != own.model.nbody and scene.source_model.nbody == own.model.nbody
+    entities = record(scene, tmp_path / "scene.rrd")
+    shown = {root: {e.split("/")[3] for e in entities if e.startswith(f"/{root}/model/")} for root in ("source", "world")}
+    assert shown["world"] and shown["source"] and shown["world"] != shown["source"]
+    (tmp_path / ROBOT.name).write_text((tmp_path / ROBOT.name).read_text() + "\n# moved\ntimestep = 0.001\n")
+    assert not scene_of(copy, other.id).drawn
 
 
 def test_notes_about_a_robot_are_told_and_kept(copy: Store) -> None:

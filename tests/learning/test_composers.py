@@ -10,9 +10,9 @@ import torch
 
 from skillcli.errors import SkillError
 from skillcli.learning.composer import LatentBounds, check_finite
-from skillcli.learning.ddpg import DdpgSettings
+from skillcli.learning.ddpg_method import DdpgSettings
 from skillcli.learning.ddpg_composer import DdpgComposer
-from skillcli.learning.ppo import PpoSettings
+from skillcli.learning.ppo_method import PpoSettings
 from skillcli.learning.ppo_composer import PpoComposer
 from skillcli.trajectories import Array
 

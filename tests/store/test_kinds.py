@@ -24,7 +24,7 @@ from skillcli.store import STAGES, Artifact, ArtifactId, Draft, Store
 from skillcli.store.results import complaints
 from skillcli.viz.figures import FIGURES, draw
 from skillcli.viz.loading import SCENES, Shown, scene_of
-from skillcli.viz.recording.opening import LAYOUTS
+from skillcli.viz.recording.layout import LAYOUTS
 from skillcli.viz.scene import Runs
 
 Make = Callable[..., Draft]

@@ -21,9 +21,9 @@ from skillcli.viz.files import replacing
 from skillcli.viz.meshes import Detail
 from skillcli.viz.recording.clock import clocks
 from skillcli.viz.recording.latent import log_means, log_moving
-from skillcli.viz.recording.layout import slug
+from skillcli.viz.recording.entities import slug
 from skillcli.viz.recording.notes import log_card
-from skillcli.viz.recording.opening import blueprint
+from skillcli.viz.recording.layout import blueprint
 from skillcli.viz.recording.series import log_curves, log_series
 from skillcli.viz.recording.space import log_comparison, log_goals, log_model, log_paths
 from skillcli.viz.scene import Scene, readable
@@ -56,7 +56,7 @@ def write(scene: Scene, path: Path) -> list[str]:
         SkillError: the file does not read back.
     """
     scene = readable(scene)
-    has_meshes = scene.model is not None and scene.model.nmesh > 0
+    has_meshes = any(model is not None and model.nmesh > 0 for model in (scene.model, scene.source_model))
     for detail in Detail if has_meshes else (Detail.FINE,):
         data = _encoded(scene, detail)
         if len(data) <= LARGEST:

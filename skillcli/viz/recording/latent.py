@@ -8,7 +8,7 @@ import rerun as rr
 from skillcli.viz import motion
 from skillcli.viz.palette import BETWEEN, TARGET_IN_VIEWER, rgba
 from skillcli.viz.recording.clock import Clock
-from skillcli.viz.recording.layout import called, episode_color, extent, in_space, key, latent_extent, skill_colors
+from skillcli.viz.recording.entities import called, episode_color, extent, in_space, key, latent_extent, skill_colors
 from skillcli.viz.recording.notes import title
 from skillcli.viz.recording.space import rest_after
 from skillcli.viz.scene import Runs, Scene

@@ -9,7 +9,7 @@ from skillcli.trajectories import SAFETY_LIMITS, Array
 from skillcli.viz import motion
 from skillcli.viz.palette import BETWEEN, look, rgba
 from skillcli.viz.recording.clock import Clock
-from skillcli.viz.recording.layout import curve_path, episode_color, key
+from skillcli.viz.recording.entities import curve_path, episode_color, key
 from skillcli.viz.recording.notes import label
 from skillcli.viz.scene import Runs, Scene
 

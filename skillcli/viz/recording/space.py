@@ -10,7 +10,7 @@ from skillcli.viz import kinematics, motion
 from skillcli.viz.meshes import Detail, Mesh, meshes
 from skillcli.viz.palette import TARGET_IN_VIEWER, rgba
 from skillcli.viz.recording.clock import Clock
-from skillcli.viz.recording.layout import called, extent, group, key, skill_colors, slug
+from skillcli.viz.recording.entities import called, extent, group, key, skill_colors, slug
 from skillcli.viz.scene import Scene
 
 TOLERANCE_ALPHA = 64  # of 255
@@ -115,13 +115,13 @@ def log_model(stream: rr.RecordingStream, scene: Scene, clocks: list[Clock], det
     """Log the bodies' shapes once, and their poses over the played episodes; in a transfer also those of the source."""
     sent = motion.sent(scene)
     roots = {"world": scene} if sent is None else {"world": scene, "source": sent}
-    primitives, surfaces = kinematics.shapes(scene.model), meshes(scene.model, detail)
     for root, played in roots.items():
+        primitives, surfaces = kinematics.shapes(played.model), meshes(played.model, detail)
         visible = sorted({*primitives, *surfaces})
-        if scene.other_robot and played is scene:  # this arm has other shapes
-            visible = [body for body in visible if not kinematics.of_arm(scene.model, scene.joints, body)]
+        if not played.drawn:  # this arm has other shapes
+            visible = [body for body in visible if not kinematics.of_arm(played.model, played.joints, body)]
         for body in visible:
-            _log_body(stream, _body_entity(scene, root, body), primitives.get(body, []), surfaces.get(body, []))
+            _log_body(stream, _body_entity(played, root, body), primitives.get(body, []), surfaces.get(body, []))
         for clock in clocks:
             episode = clock.episode if played is scene else int(scene.episode_source[clock.episode])
             rows = rest_after(np.arange(int(scene.trajectories.length[clock.episode]) + 1), played, episode)
