@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 import torch
 
+from skillcli.learning import gaussian
 from skillcli.learning.agent import Actor, Agent
 from skillcli.learning.mixtures import MIXED, UNMIXED, Mixer
 from skillcli.learning.ring_buffer import RingBuffer
@@ -67,6 +68,7 @@ class Rollout:
     observation: Array  # (T+1, N, o) float32
     privileged: Array  # (T+1, N, p) float32
     action: Array  # (T, N, a) float32, as drawn
+    log_prob: Array  # (T, N) float32 of the actions, nat
     reward: Array  # (T, N) of the task
     reward_terms: dict[str, float]  # each term of it, summed over an episode, mean over the episodes
     terminated: Array  # (T, N) bool
@@ -161,7 +163,8 @@ def collect(
     mean, std = agent.embed()
     noise = rng.standard_normal((num_envs, mean.shape[1]))
     latent = (weights @ mean + (weights @ std) * noise).astype(np.float32)
-    exploration = agent.policy.std.numpy() * rng.standard_normal((steps, num_envs, env.action_size), dtype=np.float32)
+    drawn = rng.standard_normal((steps, num_envs, env.action_size), dtype=np.float32)
+    exploration = agent.policy.std.numpy() * drawn
     kept_moments = set(rng.choice(steps, size=min(pool.SNAPSHOTS, steps), replace=False).tolist())
 
     observation = np.empty((steps + 1, num_envs, env.observation_size), dtype=np.float32)
@@ -190,6 +193,7 @@ def collect(
         observation=observation,
         privileged=privileged_observation,
         action=action,
+        log_prob=gaussian.log_prob(torch.from_numpy(exploration), torch.zeros(()), agent.policy.std).numpy(),
         reward=reward,
         reward_terms={name: total / num_envs for name, total in terms.items()},
         terminated=terminated,

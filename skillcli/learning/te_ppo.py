@@ -103,6 +103,11 @@ class Optimizers:
         self.policy.param_groups[0]["lr"] = rate
 
 
+def two_threads() -> ThreadPoolExecutor:
+    """Make threads whose torch operations run on one core each, so that no result depends on the number of cores."""
+    return ThreadPoolExecutor(2, initializer=torch.set_num_threads, initargs=(1,))
+
+
 @torch.no_grad()
 def prepare(rollout: Rollout, agent: Agent, training: Training) -> tuple[Batch, dict[str, float]]:
     """Compute values, augmented rewards and advantages of a rollout, flattened; and scalars to log."""
@@ -111,24 +116,24 @@ def prepare(rollout: Rollout, agent: Agent, training: Training) -> tuple[Batch, 
     privileged = agent.normalized_privileged(torch.from_numpy(rollout.privileged))  # (T+1, N, p)
     weights = torch.from_numpy(rollout.weights)
     latent = torch.from_numpy(rollout.latent).expand(steps + 1, -1, -1)
-    value = agent.value(observation, privileged, latent, weights.expand(steps + 1, -1, -1)).numpy()
     window = windows(observation, agent.window)[1:]  # (T, N, H*o)
-    log_q = gaussian.log_prob(latent[1:], *agent.inference(window))
+    with two_threads() as threads:
+        valued = threads.submit(_value, agent, observation, privileged, latent, weights.expand(steps + 1, -1, -1))
+        inferred = threads.submit(_log_q, agent, window, latent[1:])
+        value, log_q = valued.result(), inferred.result()
     reward = augmented_reward(rollout.reward, log_q.numpy(), training)
     advantage = advantages(
         reward, training.value_scale * value[:-1], training.value_scale * value[-1], rollout.terminated, rollout.valid,
         training.discount, training.gae_lambda,
     )  # fmt: skip
     target = advantage / training.value_scale + value[:-1]
-    action = torch.from_numpy(rollout.action)
-    old_log_prob = gaussian.log_prob(action, agent.policy(observation[:-1], latent[1:]), agent.policy.std)
 
     valid = torch.from_numpy(rollout.valid)
     batch = Batch(
         observation=observation[:-1][valid],
         privileged=privileged[:-1][valid],
-        action=action[valid],
-        old_log_prob=old_log_prob[valid],
+        action=torch.from_numpy(rollout.action)[valid],
+        old_log_prob=torch.from_numpy(rollout.log_prob)[valid],
         advantage=standardised(torch.from_numpy(advantage)[valid]),
         value_target=torch.from_numpy(target)[valid],
         weights=weights.expand(steps, -1, -1)[valid],
@@ -141,20 +146,30 @@ def prepare(rollout: Rollout, agent: Agent, training: Training) -> tuple[Batch, 
     return batch, {"inference_log_prob": float(log_q[valid].mean()), "explained_variance": float(explained)}
 
 
+@torch.no_grad()  # of each thread its own
+def _value(agent: Agent, observation: Tensor, privileged: Tensor, latent: Tensor, weights: Tensor) -> Array:
+    value: Array = agent.value(observation, privileged, latent, weights).numpy()
+    return value
+
+
+@torch.no_grad()
+def _log_q(agent: Agent, window: Tensor, latent: Tensor) -> Tensor:
+    return gaussian.log_prob(latent, *agent.inference(window))
+
+
 def update(
     batch: Batch, agent: Agent, optimizers: Optimizers, training: Training, progress: float, rng: np.random.Generator
 ) -> dict[str, float]:
     """Run several epochs over one batch.
 
     Policy with embedding, value and inference share no weights and no gradients: they are updated by two threads, in any
-    order (three would wait for each other at the interpreter's lock). Each runs its torch operations on one core, so the
-    result does not depend on the number of cores.
+    order (three would wait for each other at the interpreter's lock).
 
     `progress` of the training goes from 0 to 1. Towards its end the target KL decreases, so that the last steps settle.
     """
     orders = [rng.permutation(len(batch.action)) for _ in range(training.epochs)]
     target_kl = annealed_kl(training.target_kl, training.settle_from, progress)
-    with ThreadPoolExecutor(2, initializer=torch.set_num_threads, initargs=(1,)) as threads:
+    with two_threads() as threads:
         actor = threads.submit(_update_actor, batch, agent, optimizers, training, target_kl, orders)
         value = threads.submit(_update_value, batch, agent, optimizers.value, training, orders)
         inference = threads.submit(_update_inference, batch, agent, optimizers.inference, training, orders)

@@ -121,8 +121,8 @@ class ArmEnvironment:
         return total_reward(self.reward_terms())
 
     def failed(self) -> Array:
-        """Return which simulations have failed, (N,) bool."""
-        return self.arms.unstable()
+        """Return which simulations have failed in the last step, (N,) bool."""
+        return self.unstable
 
     def place_object(self, ids: Array) -> Array | None:
         """Return start poses (n, 7) of the objects of these simulations, None without objects."""
@@ -211,7 +211,8 @@ class ArmEnvironment:
         self.applied = self._move(self.arms.action_limit * action)
         self._past.append((self._measured[:, : self.action_size], before))
         self._elapsed += 1
-        self.unstable, failed = self.arms.unstable(), self.failed()
+        self.unstable = self.arms.unstable()
+        failed = self.failed()
         if failed.any():  # a failed episode returns to the start, so that no state is ever NaN
             self._place(np.flatnonzero(failed))
         if self._sensors is not None:
