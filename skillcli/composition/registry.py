@@ -45,7 +45,8 @@ METHODS = {
     ),
     "sequence": Method("a plan written by hand, such as 3,4,8,7 or 3:1.0,3~4:1.0,4:1.0", "skillcli.composition.sequence"),
     "ddpg": Method(
-        "a composer that learns off-policy which latent to choose, over all latents or a discrete set", "skillcli.learning.ddpg_method"
+        "a composer that learns off-policy which latent to choose, over all latents or a discrete set",
+        "skillcli.learning.ddpg_method",
     ),
     "ppo": Method("the same with the on-policy learner", "skillcli.learning.ppo_method"),
     "mpc": Method(

@@ -22,7 +22,7 @@ from torch import Tensor
 
 from skillcli.learning import gaussian
 from skillcli.learning.agent import Agent, windows
-from skillcli.learning.descent import descend, minibatches, rows
+from skillcli.learning.descent import descend, in_pieces, minibatches, rows
 from skillcli.learning.gae import advantages
 from skillcli.learning.ppo_update import standardised, update_policy
 from skillcli.learning.rollout import Rollout
@@ -103,11 +103,6 @@ class Optimizers:
         self.policy.param_groups[0]["lr"] = rate
 
 
-def two_threads() -> ThreadPoolExecutor:
-    """Make threads whose torch operations run on one core each, so that no result depends on the number of cores."""
-    return ThreadPoolExecutor(2, initializer=torch.set_num_threads, initargs=(1,))
-
-
 @torch.no_grad()
 def prepare(rollout: Rollout, agent: Agent, training: Training) -> tuple[Batch, dict[str, float]]:
     """Compute values, augmented rewards and advantages of a rollout, flattened; and scalars to log."""
@@ -117,10 +112,8 @@ def prepare(rollout: Rollout, agent: Agent, training: Training) -> tuple[Batch, 
     weights = torch.from_numpy(rollout.weights)
     latent = torch.from_numpy(rollout.latent).expand(steps + 1, -1, -1)
     window = windows(observation, agent.window)[1:]  # (T, N, H*o)
-    with two_threads() as threads:
-        valued = threads.submit(_value, agent, observation, privileged, latent, weights.expand(steps + 1, -1, -1))
-        inferred = threads.submit(_log_q, agent, window, latent[1:])
-        value, log_q = valued.result(), inferred.result()
+    value = in_pieces(agent.value, observation, privileged, latent, weights.expand(steps + 1, -1, -1)).numpy()
+    log_q = in_pieces(lambda seen, z: gaussian.log_prob(z, *agent.inference(seen)), window, latent[1:])
     reward = augmented_reward(rollout.reward, log_q.numpy(), training)
     advantage = advantages(
         reward, training.value_scale * value[:-1], training.value_scale * value[-1], rollout.terminated, rollout.valid,
@@ -146,30 +139,20 @@ def prepare(rollout: Rollout, agent: Agent, training: Training) -> tuple[Batch, 
     return batch, {"inference_log_prob": float(log_q[valid].mean()), "explained_variance": float(explained)}
 
 
-@torch.no_grad()  # of each thread its own
-def _value(agent: Agent, observation: Tensor, privileged: Tensor, latent: Tensor, weights: Tensor) -> Array:
-    value: Array = agent.value(observation, privileged, latent, weights).numpy()
-    return value
-
-
-@torch.no_grad()
-def _log_q(agent: Agent, window: Tensor, latent: Tensor) -> Tensor:
-    return gaussian.log_prob(latent, *agent.inference(window))
-
-
 def update(
     batch: Batch, agent: Agent, optimizers: Optimizers, training: Training, progress: float, rng: np.random.Generator
 ) -> dict[str, float]:
     """Run several epochs over one batch.
 
     Policy with embedding, value and inference share no weights and no gradients: they are updated by two threads, in any
-    order (three would wait for each other at the interpreter's lock).
+    order (three would wait for each other at the interpreter's lock). Each runs its torch operations on one core, so the
+    result does not depend on the number of cores.
 
     `progress` of the training goes from 0 to 1. Towards its end the target KL decreases, so that the last steps settle.
     """
     orders = [rng.permutation(len(batch.action)) for _ in range(training.epochs)]
     target_kl = annealed_kl(training.target_kl, training.settle_from, progress)
-    with two_threads() as threads:
+    with ThreadPoolExecutor(2, initializer=torch.set_num_threads, initargs=(1,)) as threads:
         actor = threads.submit(_update_actor, batch, agent, optimizers, training, target_kl, orders)
         value = threads.submit(_update_value, batch, agent, optimizers.value, training, orders)
         inference = threads.submit(_update_inference, batch, agent, optimizers.inference, training, orders)

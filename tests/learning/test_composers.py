@@ -10,10 +10,10 @@ import torch
 
 from skillcli.errors import SkillError
 from skillcli.learning.composer import LatentBounds, check_finite
-from skillcli.learning.ddpg_method import DdpgSettings
 from skillcli.learning.ddpg_composer import DdpgComposer
-from skillcli.learning.ppo_method import PpoSettings
+from skillcli.learning.ddpg_method import DdpgSettings
 from skillcli.learning.ppo_composer import PpoComposer
+from skillcli.learning.ppo_method import PpoSettings
 from skillcli.trajectories import Array
 
 pytestmark = pytest.mark.slow

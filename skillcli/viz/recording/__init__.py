@@ -20,10 +20,10 @@ from skillcli.errors import SkillError
 from skillcli.viz.files import replacing
 from skillcli.viz.meshes import Detail
 from skillcli.viz.recording.clock import clocks
-from skillcli.viz.recording.latent import log_means, log_moving
 from skillcli.viz.recording.entities import slug
-from skillcli.viz.recording.notes import log_card
+from skillcli.viz.recording.latent import log_means, log_moving
 from skillcli.viz.recording.layout import blueprint
+from skillcli.viz.recording.notes import log_card
 from skillcli.viz.recording.series import log_curves, log_series
 from skillcli.viz.recording.space import log_comparison, log_goals, log_model, log_paths
 from skillcli.viz.scene import Scene, readable
