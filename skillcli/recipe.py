@@ -59,7 +59,9 @@ class Transfer(Section):
     replan: bool = value(False, "look at the target after every segment, plan again from there and go on")
     replan_batch: int = value(4, "nodes that a search expands at once when it plans again", "nodes", ge=1, le=4096)
     replan_budget: int = value(40, "nodes after which it takes the best plan so far", "nodes", ge=1)
-    replan_seconds: float = value(10.0, "a replanned episode may last this long, for each waypoint", "s", gt=0, le=600)
+    replan_seconds: float = value(
+        10.0, "a replanned episode has this long for each waypoint, and longer while it comes nearer", "s", gt=0, le=600
+    )
 
 
 DEEPEST = 8  # names in a key of --set; no recipe has so many

@@ -21,7 +21,6 @@ FORESIGHT = 0.1  # s, horizon of the linear prediction: about the reaction time 
 ROOM = 0.05  # m, clearance between the middle of the finger and the box at which a new plan may begin
 LEAD = 0.06  # m, lead of the commanded gripper position over the measured one
 ASIDE = 0.7  # sideways speed against the tilt, per upward speed
-WOUND_UP = 0.03  # m, lead of the commanded gripper position below a finger on the box that triggers the reflex
 LONGEST = 20  # control steps in a row; if the finger cannot get away by then, the planner decides
 
 
@@ -53,9 +52,9 @@ class Reflex:
         tilt = seen.tilt[0] - self._rest
         before, self._lean = self._lean, math.asin(min(1.0, float(np.linalg.norm(tilt))))
         foreseen = self._lean + self._steps_ahead * (self._lean - before)
-        self._env.set_estimated_state(np.array([0]), seen.state, sag[None])
-        if self._count == 0 and not (self._lean > STANDING and foreseen > TIPPING) and not self._presses(sag):
+        if self._count == 0 and not (self._lean > STANDING and foreseen > TIPPING):
             return None
+        self._env.set_estimated_state(np.array([0]), seen.state, sag[None])
         free = self._lean < STANDING and float(self._env.room()[0]) >= ROOM
         if free or self._count == LONGEST:
             self._count = 0
@@ -68,12 +67,3 @@ class Reflex:
         target = arms.joint_position[0] - sag + turn
         action: Array = np.clip((target - arms.commanded[0]) / arms.action_limit, -1.0, 1.0)
         return action[None]
-
-    def _presses(self, sag: Array) -> bool:
-        """Return whether the finger stands on the box while its command runs ahead, downwards.
-
-        Nothing moves for a while then. In the end the finger slips off the edge, and the box tips too fast for a reflex.
-        """
-        arms = self._env.arms
-        ahead = arms.reported_shift(arms.commanded + sag - arms.joint_position)[0, 2]
-        return bool(self._env.on_top()[0]) and ahead < -WOUND_UP

@@ -41,6 +41,8 @@ FRICTION = np.array([0.6, 1.0, 1.4, 1.4])
 SAG_STD = 0.01  # rad, std of the resting offset of their joints
 PATIENCE = 0.5  # of an episode's time spent on reaching the planner's goal tolerance; afterwards the task's tolerance is enough
 FIRST_LOOK = 4  # control steps before the first replanning, because nothing is known of the target yet
+PROGRESS = 0.01  # m, by which an episode must have come nearer to be given more time
+LONGEST = 3  # times its own time, an episode that still comes nearer
 EXPECTED_ERROR = 0.01  # m, expected error of a plan before the first measurement
 SPEED_WINDOW = 2  # control steps over which the speed of the achieved goal is measured: over one, noise would dominate
 
@@ -123,14 +125,14 @@ class Replanner:
         Args:
             target: one simulation.
             waypoints: (W, 3) m.
-            steps: control steps at most.
+            steps: control steps; an episode that has come nearer within that time for one waypoint goes on, see `PROGRESS`.
             seed: of random methods.
         """
         target.desired_goal[:] = waypoints[-1]
         self._known.reset()
         self._set_latency(self._known.latency)
-        mission = ReplannedEpisode(self, target, waypoints, round(PATIENCE * steps), generator(seed, "replanning"))
-        recording, _ = rollout_closed_loop(target, mission.act, mission.condition, steps)
+        mission = ReplannedEpisode(self, target, waypoints, steps, generator(seed, "replanning"))
+        recording, _ = rollout_closed_loop(target, mission.act, mission.condition, LONGEST * steps)
         if mission.gave_up():
             recording = replace(recording, gave_up=np.ones(1, dtype=bool))
         return recording.with_success(recording.success & met(recording, [waypoints], target.tolerance))
@@ -213,11 +215,12 @@ class ReplannedEpisode:
     """One running episode: the waypoints met so far, and the segment being held."""
 
     def __init__(
-        self, replanner: Replanner, target: Environment, waypoints: Array, patience: int, rng: np.random.Generator
+        self, replanner: Replanner, target: Environment, waypoints: Array, steps: int, rng: np.random.Generator
     ) -> None:
         self._replanner, self._target, self._waypoints, self._rng = replanner, target, waypoints, rng
-        self._patience = patience  # control steps
+        self._steps, self._patience = steps, round(PATIENCE * steps)  # control steps
         self._next_waypoint = 0  # index of the waypoint to meet next
+        self._nearest, self._nearest_at = np.inf, 0  # m, smallest distance to it, and after how many control steps
         self._prospect: Prospect | None = None
         self._errors: list[float] = []  # m, distance between measured and predicted achieved goal after each segment
         self._held, self._left = 0, 0  # control steps that the segment was held, and is still to be held
@@ -251,7 +254,7 @@ class ReplannedEpisode:
         if self._letting_go is not None:  # the reflex holds no latent, and a new plan begins after it
             self._prospect, self._left, self._applied, self._measured = None, 0, [], []
             return np.zeros((1, self._replanner.problem.mean.shape[1])), np.array([-1]), np.array([True])
-        if self._arrived():
+        if self._arrived() or self._time_is_up():
             return None
         if self._left == 0 and not self._go_on(seen):
             return None
@@ -271,6 +274,13 @@ class ReplannedEpisode:
         if not self._first_plan_made:
             self._left, self._first_plan_made = min(self._left, FIRST_LOOK), True
         return not (len(self._path) > 1 and self._near() and self._hopeless())
+
+    def _time_is_up(self) -> bool:
+        """Return whether the episode's time has passed, and that of one waypoint without coming nearer to it."""
+        passed = len(self._path) - 1
+        if self._gap() < self._nearest - PROGRESS:
+            self._nearest, self._nearest_at = self._gap(), passed
+        return passed >= self._steps and passed - self._nearest_at >= self._steps // len(self._waypoints)
 
     def gave_up(self) -> bool:
         """Return whether time ran out while the achieved goal still seemed too far from the target."""
@@ -306,6 +316,7 @@ class ReplannedEpisode:
             )
             if following > self._next_waypoint:
                 self._next_waypoint, self._left = following, 0  # the rest of the segment was planned for the previous waypoint
+                self._nearest, self._nearest_at = np.inf, len(self._path) - 1
             return False
         fastest = self._replanner.final_speed
         slow = not fastest or self._speed() <= fastest

@@ -253,10 +253,6 @@ class ArmEnvironment:
         """Return the estimated tilt of the object, (N, 2), see `StateEstimate`."""
         return np.zeros((self.num_envs, 2))
 
-    def on_top(self) -> Array:
-        """Return whether the finger touches the object from above, (N,) bool; False without one."""
-        return np.zeros(self.num_envs, dtype=bool)
-
     def room(self) -> Array:
         """Return the clearance between the middle of the finger and the object, (N,) m; infinite without one."""
         return np.full(self.num_envs, np.inf)

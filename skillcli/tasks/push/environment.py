@@ -24,7 +24,6 @@ from skillcli.tasks.push.geometry import CONTACT_GAP, climb, place_behind, share
 from skillcli.tasks.push.scene import push_spec
 from skillcli.tasks.push.settings import PushTask
 
-SEEN = 0.005  # m: accuracy of positions that sensors show
 CLEARANCE = 0.01  # m: height above the table below which the finger pays a cost
 START_GAP = 0.002  # m: between arm and box at the start
 FIRM, CRUSHING = (
@@ -304,14 +303,6 @@ class PushEnvironment(ArmEnvironment):
         normal = frames[np.arange(self.num_envs), :, on_top]
         tilt: Array = normal[:, :2] * np.sign(normal[:, 2:])
         return tilt
-
-    def on_top(self) -> Array:
-        """See `ArmEnvironment`; within what sensors show."""
-        beyond = self.arms.gripper_position - self.arms.object_pose[:, :3]
-        beyond[:, :2] = np.abs(beyond[:, :2])
-        beyond -= self._half_edges
-        touches: Array = (beyond[:, :2] < CONTACT_GAP).all(axis=1) & (beyond[:, 2] > 0.0) & (beyond[:, 2] < CONTACT_GAP + SEEN)
-        return touches
 
     def room(self) -> Array:
         """See `ArmEnvironment`; for boxes along the axes."""
