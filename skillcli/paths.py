@@ -45,6 +45,6 @@ def read_small(path: Path, most: int) -> bytes:
 
 def expanded(path: Path | str) -> Path:
     """Put the home folder in place of `~` or `~NAME`; without such a user or home, the path stays as it is."""
-    with suppress(RuntimeError):
+    with suppress(RuntimeError, ValueError):  # a ValueError where NAME is no text that a system may hold
         return Path(path).expanduser()
     return Path(path)

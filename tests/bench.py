@@ -24,6 +24,7 @@ from skillcli.stages.pretrain import peak_memory_mb
 from skillcli.tasks.reach.environment import ReachEnvironment
 from skillcli.tasks.world import World
 
+# Of reach for every bundled arm.
 RECIPES = "reach", "reach-ur5e", "reach-panda", "reach-so101"
 RAW_STEPS = 24  # control steps of the bare engine after each iteration
 STARTS = 7  # of each program
@@ -50,7 +51,7 @@ def raw_seconds(raw: Batch, env: ReachEnvironment, rng: np.random.Generator) -> 
 
 
 def throughput(name: str, iterations: int) -> dict[str, float]:
-    """Control steps per second of a recipe of reach: the bare engine, while collecting, and over the whole training."""
+    """Control steps per second of some iterations: the bare engine, while collecting, and over the whole training."""
     recipe = load_recipe(name)
     env = World.of(recipe).make_env(recipe.training.simulations)
     assert isinstance(env, ReachEnvironment)
@@ -98,7 +99,7 @@ def main() -> None:
     skill = start_seconds([str(Path(sys.executable).parent / "skill"), "--help"])
     table.add_row("empty typer program", f"{empty:.2f} s", "1.00", "")
     table.add_row("skill --help", f"{skill:.2f} s", f"{skill / empty:.2f}", "≤ 3")
-    table.add_row("peak memory", f"{memory:,.0f} MB", "", "< 1000 MB")
+    table.add_row("peak memory of them all", f"{memory:,.0f} MB", "", "< 1000 MB")
     Console().print(table)
 
 

@@ -16,6 +16,7 @@ from skillcli.kinds import PRETRAIN
 from skillcli.learning.agent import Agent
 from skillcli.recipe import Recipe
 from skillcli.robots.config import is_path
+from skillcli.robots.robot import Robot
 from skillcli.store import Artifact, ArtifactId, Store
 from skillcli.store.provenance import package_versions
 from skillcli.tasks.world import World
@@ -82,17 +83,22 @@ def open_library(store: Store, artifact: Artifact) -> Library:
 def _check_robot(source: Artifact, robot: str, world: World) -> None:
     """Refuse the robot of a file that was changed since the training of `source`.
 
-    Older trainings do not say which robot they had. Bundled robots change only with skill. Another version of MuJoCo writes
-    another text of the same model, so fingerprints of two versions cannot be compared.
+    Older trainings do not say which robot they had. Bundled robots change only with skill.
     """
     trained = PRETRAIN.results_of(source).robot
-    if trained is None or not is_path(robot) or source.packages.get("mujoco") != package_versions()["mujoco"]:
-        return
-    if trained.fingerprint != world.robot.fingerprint:
+    if trained is not None and is_path(robot) and not is_same_robot(source, trained.fingerprint, world.robot):
         raise StoreError(
             f"{source.id} was trained on another robot than {robot} describes now: the file or its model was changed",
             "put both back as they were, and give the changed robot to transfer-eval by --robot; or train anew",
         )
+
+
+def is_same_robot(artifact: Artifact, stored: str, robot: Robot) -> bool:
+    """Return whether a robot is the one whose fingerprint an artifact holds, as far as that can be told.
+
+    Another version of MuJoCo writes another text of the same model, so fingerprints of two versions cannot be compared.
+    """
+    return stored == robot.fingerprint or artifact.packages.get("mujoco") != package_versions()["mujoco"]
 
 
 def kin(store: Store, artifact_id: ArtifactId, library: Library) -> Artifact:

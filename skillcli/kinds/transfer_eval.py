@@ -88,7 +88,7 @@ class TransferEvalMeasured(Measured):
     """Cost of replanning, and where the robot file lay: it may lie elsewhere on another machine."""
 
     seconds_per_plan: float | None = optional(None)
-    robot_file: str | None = optional(None)
+    robot_file: str | None = optional(None)  # the whole path, or the name of a bundled robot
 
 
 def _check(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Sizes) -> Iterator[str]:

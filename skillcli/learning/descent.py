@@ -1,4 +1,4 @@
-"""Gradient steps, and the minibatches that they are taken on."""
+"""Gradient steps, the minibatches that they are taken on, and pieces of what is computed without gradients."""
 
 from __future__ import annotations
 
@@ -23,12 +23,13 @@ def rows(samples: Tensor, chosen: Tensor) -> Tensor:
     return samples.index_select(0, chosen)
 
 
-PIECE = 8  # control steps of all simulations
+PIECE = 2048  # samples
 
 
 def in_pieces(function: Callable[..., Tensor], *samples: Tensor) -> Tensor:
-    """Compute a function of samples (T, ...) in pieces: larger arrays leave the cache, and take twice as long."""
-    pieces = zip(*(torch.split(each, PIECE) for each in samples), strict=True)
+    """Compute a function of samples (T, N, ...) in pieces of T: larger arrays leave the cache, and take twice as long."""
+    steps = max(1, PIECE // samples[0].shape[1])
+    pieces = zip(*(torch.split(each, steps) for each in samples), strict=True)
     return torch.cat([function(*piece) for piece in pieces])
 
 

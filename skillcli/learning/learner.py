@@ -68,7 +68,8 @@ class Learner:
         mixer = replace(self.mixer, share=self.recipe.mixtures.share_at(progress))
         rollout = collect(self.env, self.agent, self.pool, training.chained_starts, self.rng, mixer, self.sees_goal)
         seen = (torch.from_numpy(rollout.observation).flatten(0, 1), torch.from_numpy(rollout.privileged).flatten(0, 1))
-        if self.iteration == 0:  # the first update needs statistics to normalise with
+        # The first update needs statistics to normalise with, which move the policy's means a little from those of the rollout.
+        if self.iteration == 0:
             self.agent.update_normalizers(*seen)
         batch, prepared = te_ppo.prepare(rollout, self.agent, training)
         updated = te_ppo.update(batch, self.agent, self.optimizers, training, progress, self.rng)

@@ -68,7 +68,7 @@ class Rollout:
     observation: Array  # (T+1, N, o) float32
     privileged: Array  # (T+1, N, p) float32
     action: Array  # (T, N, a) float32, as drawn
-    log_prob: Array  # (T, N) float32 of the actions, nat
+    log_prob: Array  # (T, N) float32 of the actions under the policy that drew them, nat
     reward: Array  # (T, N) of the task
     reward_terms: dict[str, float]  # each term of it, summed over an episode, mean over the episodes
     terminated: Array  # (T, N) bool
@@ -163,8 +163,7 @@ def collect(
     mean, std = agent.embed()
     noise = rng.standard_normal((num_envs, mean.shape[1]))
     latent = (weights @ mean + (weights @ std) * noise).astype(np.float32)
-    drawn = rng.standard_normal((steps, num_envs, env.action_size), dtype=np.float32)
-    exploration = agent.policy.std.numpy() * drawn
+    exploration = agent.policy.std.numpy() * rng.standard_normal((steps, num_envs, env.action_size), dtype=np.float32)
     kept_moments = set(rng.choice(steps, size=min(pool.SNAPSHOTS, steps), replace=False).tolist())
 
     observation = np.empty((steps + 1, num_envs, env.observation_size), dtype=np.float32)

@@ -26,7 +26,7 @@ from skillcli.robots.config import (
     find_robot_file,
     read_description,
 )
-from skillcli.robots.mjcf import compile_model, find_model, quietly
+from skillcli.robots.mjcf import compile_model, find_model, quietly, read_mjcf
 from skillcli.robots.scene import Names, add_table, fingerprint, set_clock
 from skillcli.robots.servos import Servo
 from skillcli.trajectories import Array
@@ -68,6 +68,11 @@ class Robot:
     summary: dict[str, Any]
     scene: mujoco.MjSpec
     model: mujoco.MjModel
+
+    @property
+    def which(self) -> str:
+        """Return how to ask for it: the name of a bundled robot, else the whole path of its file."""
+        return self.name if self.path == bundled_file(self.name) else str(self.path.absolute())
 
     @property
     def joint_count(self) -> int:
@@ -215,7 +220,7 @@ def build_described(path: Path, name: str, description: Description, source: Rob
 
 
 def _taken_as_it_is(path: Path, name: str, description: Description, source: Robot | None) -> Robot:
-    scene = mujoco.MjSpec.from_file(str(find_model(path.parent, description.model)))
+    scene = read_mjcf(find_model(path.parent, description.model))
     add_table(scene)
     set_clock(scene, description.joints, description.timestep or TRIED_TIMESTEP, delay=False)
     model = compile_model(scene, Path(description.model))

@@ -121,8 +121,8 @@ class ArmEnvironment:
         return total_reward(self.reward_terms())
 
     def failed(self) -> Array:
-        """Return which simulations have failed in the last step, (N,) bool."""
-        return self.unstable
+        """Return which simulations have failed in this step, (N,) bool; for `step`, once."""
+        return self.unstable.copy()
 
     def place_object(self, ids: Array) -> Array | None:
         """Return start poses (n, 7) of the objects of these simulations, None without objects."""

@@ -113,7 +113,7 @@ def transfer_eval(
             ).json(),
             measured=TransferEvalMeasured(
                 seconds_per_plan=None if replanner is None else replanner.effort.mean,
-                robot_file=None if robot is None else str(robot.path.resolve()),
+                robot_file=None if robot is None else robot.which,
             ).json(),
             parents=[source_id],
             model_sha256=library.world.fingerprint,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from skillcli.errors import UsageError
-from skillcli.robots.config import DEFAULT_ROBOT, blaming, bundled_file, describe_robot
+from skillcli.robots.config import DEFAULT_ROBOT, blaming, describe_robot
 from skillcli.robots.robot import Robot
 from skillcli.simulation.settings import ArmTask
 
@@ -36,9 +36,8 @@ def given_start(task: ArmTask, robot: Robot, of_file: Sequence[float] | None) ->
 
 def no_place(robot: Robot, task: str, keys: str) -> UsageError:
     """Make the error for a task without room on an arm."""
-    shown = robot.name if robot.path == bundled_file(robot.name) else robot.path
     return UsageError(
         f"no place for the {task} task was found on {robot.name!r}, which reaches {robot.workspace.reach:.2f} m",
-        f"look at it with `skill robots show {shown} --png arm.png`: it has to stand at z = 0 and look along x, else turn "
-        f"or move it with [base] of its file; or give {keys} in the recipe",
+        f"look at it with `skill robots show {robot.which} --png arm.png`: it has to stand at z = 0 and look along x, else "
+        f"turn or move it with [base] of its file; or give {keys} in the recipe",
     )

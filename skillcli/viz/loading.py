@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from skillcli.errors import SkillError
-from skillcli.evaluation.library import Library, kin, open_library
+from skillcli.evaluation.library import Library, is_same_robot, kin, open_library
 from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, ByKind, kind_spec
 from skillcli.kinds.transfer_eval import TargetRobot
+from skillcli.robots.config import bundled_robots
 from skillcli.robots.robot import load_target
 from skillcli.store import Artifact, ArtifactId, Store
 from skillcli.tasks.world import World
@@ -131,13 +133,18 @@ def _transferred(store: Store, artifact: Artifact, library: Library) -> Shown:
 
 
 def _target(artifact: Artifact, robot: TargetRobot, world: World) -> World | None:
-    """Return the robot that ran a transfer, in its world; None if its file is gone or has changed."""
-    file = TRANSFER_EVAL.measured_of(artifact).robot_file
+    """Return the robot that ran a transfer, in its world; None if its file is gone or has changed.
+
+    The artifact may come from elsewhere: only a file of the name that its results tell is read, by a whole path.
+    """
+    file = TRANSFER_EVAL.measured_of(artifact).robot_file or ""
+    if file not in bundled_robots() and not (Path(file).is_absolute() and Path(file).name == robot.file):
+        return None
     try:
-        target = load_target(file, world.robot) if file else None
+        target = load_target(file, world.robot)
+        return world.on(target) if is_same_robot(artifact, robot.fingerprint, target) else None
     except SkillError:
         return None
-    return world.on(target) if target and target.fingerprint == robot.fingerprint else None
 
 
 def _sent(store: Store, artifact: Artifact, library: Library) -> Trajectories:

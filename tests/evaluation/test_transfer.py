@@ -24,12 +24,14 @@ from skillcli.evaluation.inputs import transfer_eval_inputs
 from skillcli.evaluation.library import Library, open_library
 from skillcli.evaluation.transfer_evaluator import NOMINAL, TargetRobots, TransferEvaluator
 from skillcli.evaluation.transfer_results import count_violations, most_harmful_first, one_at_a_time, outcome, worst
+from skillcli.kinds import TRANSFER_EVAL
 from skillcli.progress import Progress
 from skillcli.recipe import resolve
 from skillcli.simulation.domains import find_domain, find_domains
 from skillcli.stages.transfer_eval import transfer_eval
 from skillcli.store import Artifact, ArtifactId, Store
 from skillcli.trajectories import SAFETY_LIMITS, Array, Trajectories
+from skillcli.viz import loading
 from skillcli.viz.loading import scene_of
 from skillcli.viz.recording import record
 from skillcli.viz.visualise import draw
@@ -230,8 +232,23 @@ def test_another_robot_is_drawn_as_it_is_until_its_file_changes(copy: Store, tmp
     entities = record(scene, tmp_path / "scene.rrd")
     shown = {root: {e.split("/")[3] for e in entities if e.startswith(f"/{root}/model/")} for root in ("source", "world")}
     assert shown["world"] and shown["source"] and shown["world"] != shown["source"]
-    (tmp_path / ROBOT.name).write_text((tmp_path / ROBOT.name).read_text() + "\n# moved\ntimestep = 0.001\n")
+    slower = "timestep = 0.001\n" + (tmp_path / ROBOT.name).read_text()
+    (tmp_path / ROBOT.name).write_text(slower)
+    assert target_robot(tmp_path / ROBOT.name).fingerprint != other.results["robot"]["fingerprint"]
     assert not scene_of(copy, other.id).drawn
+    (tmp_path / ROBOT.name).unlink()
+    assert not scene_of(copy, other.id).drawn
+
+
+LONG = 5000 * "a"
+MADE_UP = [None, "", "servo.toml", "~\0x/servo.toml", "/dev/zero", "/none/servo.toml", f"/{LONG}/servo.toml", "/\0/servo.toml"]
+
+
+@pytest.mark.parametrize("file", MADE_UP)
+def test_a_robot_file_that_an_artifact_makes_up_is_not_drawn(copy: Store, file: str | None) -> None:
+    other = moved(copy, ["nominal"], robot=target_robot(ROBOT))
+    told = replace(other, measured={**other.measured, "robot_file": file})
+    assert loading._target(told, TRANSFER_EVAL.results_of(other).robot, open_library(copy, other).world) is None
 
 
 def test_notes_about_a_robot_are_told_and_kept(copy: Store) -> None:

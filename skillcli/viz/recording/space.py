@@ -115,8 +115,9 @@ def log_model(stream: rr.RecordingStream, scene: Scene, clocks: list[Clock], det
     """Log the bodies' shapes once, and their poses over the played episodes; in a transfer also those of the source."""
     sent = motion.sent(scene)
     roots = {"world": scene} if sent is None else {"world": scene, "source": sent}
+    looks = {played.model: (kinematics.shapes(played.model), meshes(played.model, detail)) for played in roots.values()}
     for root, played in roots.items():
-        primitives, surfaces = kinematics.shapes(played.model), meshes(played.model, detail)
+        primitives, surfaces = looks[played.model]
         visible = sorted({*primitives, *surfaces})
         if not played.drawn:  # this arm has other shapes
             visible = [body for body in visible if not kinematics.of_arm(played.model, played.joints, body)]
