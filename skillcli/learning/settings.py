@@ -1,4 +1,4 @@
-"""Recipe sections of learning: embedding, networks, TE-PPO."""
+"""Recipe sections of learning: embedding, networks, mixtures, TE-PPO."""
 
 from __future__ import annotations
 

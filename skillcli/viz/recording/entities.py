@@ -1,4 +1,4 @@
-"""Names, colours and sizes shared by the parts of a recording."""
+"""Names of entities, colours of skills and the extent of the scene, shared by the parts of a recording."""
 
 from __future__ import annotations
 
