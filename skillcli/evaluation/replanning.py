@@ -276,7 +276,7 @@ class ReplannedEpisode:
         return not (len(self._path) > 1 and self._near() and self._hopeless())
 
     def _time_is_up(self) -> bool:
-        """Return whether the episode's time has passed, and that of one waypoint without coming nearer to it."""
+        """Note how near the waypoint is; return whether all the time has passed, and that of one waypoint without progress."""
         passed = len(self._path) - 1
         if self._gap() < self._nearest - PROGRESS:
             self._nearest, self._nearest_at = self._gap(), passed

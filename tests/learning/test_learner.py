@@ -12,7 +12,7 @@ import pytest
 import torch
 from worlds import SAWYER, make_env
 
-from skillcli.learning import descent, gaussian, te_ppo
+from skillcli.learning import gaussian, te_ppo
 from skillcli.learning.agent import windows
 from skillcli.learning.learner import Learner
 from skillcli.learning.rollout import WAY_SIZE, StartPool, collect, privileged, start_episodes
@@ -260,14 +260,6 @@ def test_the_log_density_of_an_action_is_that_of_the_policy_that_drew_it() -> No
         )
         wanted = gaussian.log_prob(torch.from_numpy(rollout.action), mean, agent.policy.std)
     np.testing.assert_allclose(rollout.log_prob, wanted.numpy(), atol=1e-4)
-
-
-@pytest.mark.parametrize("steps", [1, 5, 8, 17])
-def test_pieces_give_what_the_whole_gives(steps: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(descent, "PIECE", 32)
-    x, nothing = torch.rand(steps, 8, 3), torch.rand(steps, 8, 0)
-    found = descent.in_pieces(lambda a, b: (2 * a).sum(-1) + b.sum(-1), x, nothing)
-    torch.testing.assert_close(found, 2 * x.sum(-1))
 
 
 def test_what_comes_behind_a_failure_is_not_learned_from() -> None:
