@@ -13,20 +13,17 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
-from mujoco.batch import Batch
 from rich.console import Console
 from rich.table import Table
 
 from skillcli.learning.learner import Learner
 from skillcli.recipe import load_recipe
+from skillcli.simulation.throughput import BareEngine
 from skillcli.stages.pretrain import peak_memory_mb
-from skillcli.tasks.reach.environment import ReachEnvironment
 from skillcli.tasks.world import World
 
 # Of reach for every bundled arm.
 RECIPES = "reach", "reach-ur5e", "reach-panda", "reach-so101"
-RAW_STEPS = 24  # control steps of the bare engine after each iteration
 STARTS = 7  # of each program
 
 EMPTY_PROGRAM = """
@@ -38,37 +35,25 @@ app()
 """
 
 
-def raw_seconds(raw: Batch, env: ReachEnvironment, rng: np.random.Generator) -> float:
-    """Time for some control steps of a bare batch, from the states and on the targets that the training is at."""
-    raw.state[:] = env.arms.batch.state
-    control, limit = raw.bind("ctrl"), env.arms.action_limit
-    increments = rng.uniform(-limit, limit, (RAW_STEPS, *control.shape))
-    began = time.perf_counter()
-    for increment in increments:
-        control += increment
-        raw.step(nstep=env.arms.substeps)
-    return time.perf_counter() - began
-
-
 def throughput(name: str, iterations: int) -> dict[str, float]:
     """Control steps per second of some iterations: the bare engine, while collecting, and over the whole training."""
     recipe = load_recipe(name)
     env = World.of(recipe).make_env(recipe.training.simulations)
-    assert isinstance(env, ReachEnvironment)
     learner = Learner(env, recipe, seed=0)
-    raw, rng = Batch(env.arms.model, env.num_envs, persistent=True), np.random.default_rng(0)
     learner.iterate()  # first calls are slow everywhere
-    raw_seconds(raw, env, rng)
+    bare = BareEngine(env)
     steps, sampling = learner.env_steps, learner.sampling_seconds
-    training = bare = 0.0
+    training = 0.0
     for _ in range(iterations):
+        bare.watch()
         began = time.perf_counter()
         learner.iterate()
         training += time.perf_counter() - began
-        bare += raw_seconds(raw, env, rng)
+        bare.measure()
+    assert bare.rate is not None
     steps = learner.env_steps - steps
     return {
-        "bare engine": RAW_STEPS * env.num_envs * iterations / bare,
+        "bare engine": bare.rate,
         "collecting": steps / (learner.sampling_seconds - sampling),
         "whole training": steps / training,
     }
@@ -86,7 +71,7 @@ def start_seconds(command: list[str]) -> float:
 
 def main() -> None:
     """Measure and print."""
-    iterations = int(sys.argv[1]) if len(sys.argv) > 1 else 8
+    iterations = int(sys.argv[1]) if len(sys.argv) > 1 else 20
     table = Table("what", "measured", "ratio", "wanted")
     wanted = {"bare engine": "", "collecting": "≥ 0.9", "whole training": "≥ 0.7"}
     for recipe in RECIPES:

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from skillcli.learning.networks import CLIP, Embedding, Inference, Normalizer, Policy, Value, affine, arranged, spread, tanh
+from skillcli.learning.networks import CLIP, Embedding, Inference, Normalizer, Policy, Value, affine, arranged, spread
 from skillcli.learning.settings import LearningRecipe
 from skillcli.seeding import torch_generator
 from skillcli.trajectories import Array
@@ -98,33 +98,38 @@ class Agent(nn.Module):
 class Actor:
     """pi's mean for latents that are constant over an episode: their part of the first layer is computed once.
 
-    Sampling calls this once per control step; its numbers equal those of `Agent.act` up to rounding.
+    Sampling calls this once per control step; its numbers equal those of `Agent.act` up to rounding. The tanh of a hidden
+    layer is 2 sigmoid(2x) - 1 there; here the layers around it take over its factors and its offset, and a sigmoid is left.
 
     Args:
         agent: its weights are copied; later updates do not change this actor.
         latent: (N, d).
     """
 
-    def __init__(self, agent: Agent, latent: Array) -> None:
-        with torch.no_grad():
-            first, *rest = (layer for layer in agent.policy.body if isinstance(layer, nn.Linear))
-            size = agent.normalizer.mean.shape[0]
-            self._latent = torch.as_tensor(latent, dtype=torch.float32)
-            self._linear = agent.policy.linear
-            self._mean, self._scale = agent.normalizer.mean.clone(), agent.normalizer.scale()
-            self._weight = first.weight[:, :size].T.contiguous()
-            self._offset = first.bias.detach().clone()
-            if not self._linear:
-                self._offset = torch.addmm(first.bias, self._latent, first.weight[:, size:].T)
-            self._rest = [(layer.bias.detach().clone(), layer.weight.detach().T.contiguous()) for layer in rest]
-
     @torch.no_grad()
+    def __init__(self, agent: Agent, latent: Array) -> None:
+        first, *rest = (layer for layer in agent.policy.body if isinstance(layer, nn.Linear))
+        size = agent.normalizer.mean.shape[0]
+        self._latent = torch.as_tensor(latent, dtype=torch.float32)
+        self._linear = agent.policy.linear
+        self._scale = agent.normalizer.scale()
+        self._shift = -agent.normalizer.mean * self._scale
+        offset = first.bias if self._linear else torch.addmm(first.bias, self._latent, first.weight[:, size:].T)
+        inputs = 2.0 if rest else 1.0  # of a sigmoid: twice those of the tanh
+        self._first = inputs * offset, (inputs * first.weight[:, :size].T).contiguous()
+        self._rest = []
+        for layer in rest:
+            inputs = 1.0 if layer is rest[-1] else 2.0
+            bias = inputs * (layer.bias - layer.weight.sum(1))
+            self._rest.append((bias, (2.0 * inputs * layer.weight.T).contiguous()))
+
     def __call__(self, observation: Array) -> Array:
         """Compute deterministic actions: raw observations (N, o) float32 to (N, a)."""
-        normalized = ((torch.from_numpy(observation) - self._mean) * self._scale).clamp_(-CLIP, CLIP)
-        x = torch.addmm(self._offset, normalized, self._weight)
+        normalized = torch.addcmul(self._shift, torch.from_numpy(observation), self._scale).clamp_(-CLIP, CLIP)
+        bias, weight = self._first
+        x = torch.addmm(bias, normalized, weight)
         for bias, weight in self._rest:
-            x = torch.addmm(bias, tanh(x), weight)
+            x = torch.addmm(bias, x.sigmoid_(), weight)
         action: Array = (affine(x, self._latent) if self._linear else x).numpy()
         return action
 

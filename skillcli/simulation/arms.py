@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -26,6 +27,25 @@ LEVER_DAMPING = 0.03  # m/rad: damps joints with a shorter lever
 
 # A state beyond these is unstable: joints many turns off, objects hundreds of metres away, or extreme speeds.
 _FARTHEST, _FASTEST = 100.0, 1000.0
+
+
+@dataclasses.dataclass
+class Stretch:
+    """Some control steps to do again: the state before the first of them, and the commands of each."""
+
+    first: int  # control steps to let pass before it
+    length: int  # control steps
+    sim_states: Array | None = None  # (N, S)
+    commands: list[Array] = dataclasses.field(default_factory=list)  # (N, J) rad each
+
+    def note(self, sim_states: Array, commands: Array) -> None:
+        """Note the next control step, if it belongs to the stretch."""
+        if self.first > 0:
+            self.first -= 1
+        elif len(self.commands) < self.length:
+            if self.sim_states is None:
+                self.sim_states = sim_states.copy()
+            self.commands.append(commands.copy())
 
 
 class ArmBatch:
@@ -92,6 +112,7 @@ class ArmBatch:
         self.active: Array | None = None  # ids of the simulations to step; None for all
         self._perturbed: set[str] = set()  # model fields that differ between simulations
         self._history = ActuatorHistory(self.batch, servos, substeps)
+        self.noted: Stretch | None = None  # control steps that somebody wants to do again
 
     @property
     def joint_position(self) -> Array:
@@ -209,6 +230,8 @@ class ArmBatch:
         target = np.clip(wanted, measured - self.MAX_TRACKING_ERROR, measured + self.MAX_TRACKING_ERROR)
         target = np.clip(target, self._low, self._high)
         moved: Array = np.where(target == wanted, increment, target - self._ctrl)
+        if self.noted is not None:
+            self.noted.note(self.batch.state, target)
         done = 0
         for late in np.unique(latency) if latency is not None else (0,):
             if late > done:
@@ -317,8 +340,12 @@ class ArmBatch:
 
     def unstable(self) -> Array:
         """Return which simulations have a state that is not finite or far out of range, (N,) bool."""
-        far, fast = np.abs(self._qpos).max(axis=1), np.abs(self._qvel).max(axis=1)
-        broken: Array = ~((far < _FARTHEST) & (fast < _FASTEST))
+        qpos, qvel = self._qpos, self._qvel
+        # As a rule none is: the norm of a whole state, quick to compute, bounds every number in it.
+        far, fast = np.einsum("ij,ij->i", qpos, qpos), np.einsum("ij,ij->i", qvel, qvel)
+        if far.max() < _FARTHEST**2 and fast.max() < _FASTEST**2:  # false for NaN
+            return np.zeros(self.num_envs, dtype=bool)
+        broken: Array = ~((np.abs(qpos).max(axis=1) < _FARTHEST) & (np.abs(qvel).max(axis=1) < _FASTEST))
         return broken
 
 

@@ -157,9 +157,10 @@ def _train(
     saved = began = time.perf_counter()
     first_step = learner.env_steps
     while not learner.finished:
+        if learner.iteration % every == 0:
+            bare.watch()
         point = learner.iterate()
-        if learner.iteration % every == 1 or every == 1:
-            bare.measure()
+        bare.measure()
         seconds = time.perf_counter() - began - bare.seconds
         success = {name: point[f"success/{k + 1}"] for k, name in enumerate(names)}
         rate = (learner.env_steps - first_step) / seconds

@@ -4,7 +4,7 @@ from worlds import SAWYER, check_goal, check_start, model_fingerprint, named_rou
 
 from skillcli.errors import UsageError
 from skillcli.simulation.settings import TaskSettings as Task
-from skillcli.simulation.throughput import BareEngine
+from skillcli.simulation.throughput import STEPS, BareEngine
 from skillcli.tasks.point.settings import PointTask
 from skillcli.tasks.push.cost_to_go import BoxCostToGo
 from skillcli.tasks.push.settings import PushTask
@@ -129,12 +129,15 @@ def test_the_model_fingerprint_is_stable_and_follows_the_model() -> None:
 
 
 def test_measuring_the_bare_engine_leaves_the_simulations_as_they_were() -> None:
-    env = reach_env(REACH, 4)
-    env.step(np.random.default_rng(0).uniform(-1, 1, (4, 7)))
-    before, seen = env.save(np.arange(4)), env.observe()
+    env, rng = reach_env(REACH, 4), np.random.default_rng(0)
     bare = BareEngine(env)
-    assert bare.rate is None
     bare.measure()
-    assert bare.rate is not None and bare.rate > 0
+    assert bare.rate is None, "nothing was watched"
+    bare.watch()
+    for _ in range(env.horizon):
+        env.step(rng.uniform(-1, 1, (4, 7)))
+    before, seen = env.save(np.arange(4)), env.observe()
+    bare.measure()
+    assert bare.rate is not None and bare.rate > 0 and bare.control_steps == 4 * STEPS
     np.testing.assert_array_equal(env.save(np.arange(4)), before)
     np.testing.assert_array_equal(env.observe(), seen)
