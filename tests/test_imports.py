@@ -19,7 +19,7 @@ FLOORS: list[set[str]] = [
     {"learning", "tasks"},
     {"recipe"},
     {"evaluation"},
-    {"viz"},
+    {"viz", "execution"},
     {"stages"},
     {"cli"},
 ]
