@@ -112,8 +112,10 @@ class Actor:
         size = agent.normalizer.mean.shape[0]
         self._latent = torch.as_tensor(latent, dtype=torch.float32)
         self._linear = agent.policy.linear
-        self._scale = agent.normalizer.scale()
-        self._shift = -agent.normalizer.mean * self._scale
+        scale = agent.normalizer.scale()
+        self._scale, self._shift = scale.numpy(), (-agent.normalizer.mean * scale).numpy()
+        self._normalized = np.empty((len(latent), size), dtype=np.float32)
+        self._input = torch.from_numpy(self._normalized)  # the same memory
         offset = first.bias if self._linear else torch.addmm(first.bias, self._latent, first.weight[:, size:].T)
         inputs = 2.0 if rest else 1.0  # of a sigmoid: twice those of the tanh
         self._first = inputs * offset, (inputs * first.weight[:, :size].T).contiguous()
@@ -125,9 +127,12 @@ class Actor:
 
     def __call__(self, observation: Array) -> Array:
         """Compute deterministic actions: raw observations (N, o) float32 to (N, a)."""
-        normalized = torch.addcmul(self._shift, torch.from_numpy(observation), self._scale).clamp_(-CLIP, CLIP)
+        normalized = self._normalized
+        np.multiply(observation, self._scale, out=normalized)
+        normalized += self._shift
+        np.clip(normalized, -CLIP, CLIP, out=normalized)
         bias, weight = self._first
-        x = torch.addmm(bias, normalized, weight)
+        x = torch.addmm(bias, self._input, weight)
         for bias, weight in self._rest:
             x = torch.addmm(bias, x.sigmoid_(), weight)
         action: Array = (affine(x, self._latent) if self._linear else x).numpy()

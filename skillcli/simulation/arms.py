@@ -87,6 +87,8 @@ class ArmBatch:
         self.largest_sag = strength / self._stiffness  # (J,) rad: a torque beyond the servo's would drive the joint away
         joints = [model.joint(name) for name in names.joints]
         self._qpos_address = np.array([joint.qposadr[0] for joint in joints])
+        together = bool((np.diff(self._qpos_address) == 1).all())  # as in most models; a slice is copied more quickly
+        self._arm = slice(self._qpos_address[0], self._qpos_address[-1] + 1) if together else self._qpos_address
         self._dof_address = np.array([joint.dofadr[0] for joint in joints])
         limits = joint_ranges(model, names.joints)
         self._range = limits
@@ -117,8 +119,8 @@ class ArmBatch:
     @property
     def joint_position(self) -> Array:
         """Return true joint angles, (N, J) rad."""
-        arm: Array = self._qpos[:, self._qpos_address]
-        return arm
+        arm: Array = self._qpos[:, self._arm]
+        return arm.copy() if isinstance(self._arm, slice) else arm
 
     @property
     def commanded(self) -> Array:
