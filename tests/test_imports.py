@@ -35,6 +35,8 @@ KEPT_APART = {
 # package outside: the only parts of ours that may import it
 ONLY_IN = {
     "h5py": ("store/",),
+    "onnx": ("execution/",),
+    "onnxruntime": ("execution/",),
     "rerun": ("viz/recording",),
     "torch": ("learning/", "seeding.py"),
     "mujoco": ("robots/", "simulation/", "tasks/", "viz/"),
@@ -91,7 +93,7 @@ def test_help_loads_nothing_heavy(words: tuple[str, ...]) -> None:
         "from skillcli.cli.app import main\n"
         "try: main()\n"
         "except SystemExit as leaving: assert not leaving.code\n"
-        "heavy = {'torch', 'mujoco', 'h5py', 'rerun', 'matplotlib', 'scipy', 'numpy'} & set(sys.modules)\n"
+        "heavy = {'torch', 'mujoco', 'h5py', 'rerun', 'matplotlib', 'scipy', 'numpy', 'onnx'} & set(sys.modules)\n"
         "sys.exit(f'loaded {heavy}' if heavy else 0)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)

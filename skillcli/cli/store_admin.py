@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,9 +12,11 @@ import typer
 from skillcli.cli import typed
 from skillcli.cli.session import Session
 from skillcli.cli.store_view import FullId, Id
+from skillcli.errors import UsageError
 
 if TYPE_CHECKING:
-    from skillcli.store import Garbage
+    from skillcli.execution.policy_file import Exported
+    from skillcli.store import ArtifactId, Garbage
 
 
 def register(app: typer.Typer) -> None:
@@ -96,12 +99,31 @@ def _garbage(found: Garbage, applied: bool) -> list[Any]:
 def export(
     context: typer.Context,
     source: Id = None,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="The file to write.", metavar="FILE.tar")] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="The archive to write; by default named after the artifact.", metavar="FILE.tar"),
+    ] = None,
+    onnx: Annotated[
+        Path | None,
+        typer.Option(
+            "--onnx",
+            help="Write the policy alone instead, for a robot: an ONNX file with normaliser, action limit and metadata inside.",
+            metavar="FILE.onnx",
+        ),
+    ] = None,
 ) -> None:
-    """Write an artifact with all its ancestors into one file, for `skill import` elsewhere."""
+    """Write an artifact with all its ancestors into one archive, for `skill import` elsewhere.
+
+    With --onnx, write its policy into one file that needs no skill: of a pretrain, embed-means or compose artifact.
+    """
     from skillcli.store import export as write
 
     session: Session = context.obj
+    if onnx is not None:
+        if output is not None:
+            raise UsageError("--onnx and -o write different files", "give one of them: -o an archive, --onnx the policy alone")
+        _export_policy(session, source, onnx)
+        return
     found = session.pick(source)
     path = output or Path(f"{found.name}-{found.stage}-v{found.version}.tar")
     ids = write(session.store, found, path)
@@ -110,6 +132,39 @@ def export(
         {"id": str(found), "file": str(path), "bytes": size, "artifacts": [str(one) for one in ids]},
         f"{path}: {', '.join(map(str, ids))} ({size / 1e6:.1f} MB)",
     )
+
+
+def _export_policy(session: Session, source: str | None, path: Path) -> None:
+    from skillcli.execution.policy_file import EXPORTED, export_policy
+
+    found = session.pick(source, *EXPORTED)
+    written = export_policy(session.store, found, path)
+    payload = {
+        "id": str(found),
+        "onnx": str(path),
+        "bytes": path.stat().st_size,
+        "parity": asdict(written.parity),
+        "inputs": [port.json() for port in written.inputs],
+        "outputs": [port.json() for port in written.outputs],
+    }
+    session.result(payload, *(() if session.json else _policy(found, path, written)))
+
+
+def _policy(source: ArtifactId, path: Path, written: Exported) -> list[Any]:
+    from rich.table import Table
+
+    table = Table("", "name", "shape", "unit", "what it is")
+    for direction, ports in (("in", written.inputs), ("out", written.outputs)):
+        for port in ports:
+            rows, columns = port.shape
+            table.add_row(direction, port.name, f"{rows} × {columns}", port.unit, port.meaning)
+    whose = f" for {written.robot}" if written.robot else ""
+    same = f"{written.parity.max_abs_error:.1g} on {written.parity.observations:,} observations"
+    return [
+        f"{path}: the policy of {source}{whose}, every {written.control_period:g} s",
+        table,
+        f"ONNX Runtime and torch differ by at most {same}",
+    ]
 
 
 def import_(

@@ -181,6 +181,7 @@ class Inference(nn.Module):
         return mean, bounded_std(raw_std, self.MIN_STD, self.MAX_STD)
 
 
+EPSILON = 1e-6  # added to the variance: what never varied is not divided by zero
 CLIP = 5.0  # normalised observations stay within this many standard deviations
 
 
@@ -203,7 +204,7 @@ class Normalizer(nn.Module):
 
     def scale(self) -> Tensor:
         """Return one over the standard deviation, (o,)."""
-        return (self.variance + 1e-6).rsqrt()
+        return (self.variance + EPSILON).rsqrt()
 
     @torch.no_grad()
     def update(self, observation: Tensor) -> None:

@@ -19,6 +19,11 @@ from skillcli.simulation.safety import RANGE_TOLERANCE, STIFF_TABLE_TOLERANCE, C
 from skillcli.simulation.sensors import Sensors
 from skillcli.simulation.settings import ArmTask
 
+# Frames of observed terms.
+BASE = "of the base: the robot stands at the origin, x towards the table, z up, the table top at z = 0"
+JOINTS = "the arm's encoders; zero and direction of each joint are those of the robot's model"
+LEAD = "commanded target less measured angle of each joint"
+
 REMEMBERED = 3  # control steps of commands to keep for state estimation: the longest delay of an actuator
 
 
@@ -40,7 +45,7 @@ class ArmEnvironment:
 
     failure_reward = 0.0  # reward of the step that fails
     table_tolerance = STIFF_TABLE_TOLERANCE
-    position_term = ObservationTerm("gripper_position", "m", 3)  # the position observed after the joints
+    position_term = ObservationTerm("gripper_position", "m", 3, BASE)  # the position observed after the joints
     shown_terms: ClassVar[tuple[ObservationTerm, ...]] = ()  # further observations of a task
     privileged_terms: ClassVar[tuple[ObservationTerm, ...]] = ()  # observations of the value function only
     recorded: ClassVar[Mapping[str, int]] = {"gripper_position": 3}  # recorded fields and their sizes, besides the joints
@@ -88,8 +93,8 @@ class ArmEnvironment:
     @classmethod
     def observation_terms(cls, task: ArmTask, joints: int) -> tuple[ObservationTerm, ...]:
         """Return the terms of the observation in order."""
-        seen = (ObservationTerm("joint_position", "rad", joints), cls.position_term, *cls.shows(task))
-        return (*seen, ObservationTerm("command_lead", "rad", joints)) if task.observe_command else seen
+        seen = (ObservationTerm("joint_position", "rad", joints, JOINTS), cls.position_term, *cls.shows(task))
+        return (*seen, ObservationTerm("command_lead", "rad", joints, LEAD)) if task.observe_command else seen
 
     def position(self) -> Array:
         """Return the position observed after the joints, (N, 3) m."""

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 import skillcli.robots.quiet  # noqa: F401
 from skillcli.robots.posture import joint_ranges
-from skillcli.robots.scene import GRIPPER, LIMIT_MARGIN, Names
+from skillcli.robots.scene import GRIPPER, Names
 from skillcli.simulation import table
+from skillcli.simulation.targets import command_range, next_target
 
 Array = NDArray[Any]
 # Compute positions and velocities at the new state; a persistent batch continues from there, so they cost nothing extra.
@@ -90,14 +91,9 @@ class ArmBatch:
         together = bool((np.diff(self._qpos_address) == 1).all())  # as in most models; a slice is copied more quickly
         self._arm = slice(self._qpos_address[0], self._qpos_address[-1] + 1) if together else self._qpos_address
         self._dof_address = np.array([joint.dofadr[0] for joint in joints])
-        limits = joint_ranges(model, names.joints)
-        self._range = limits
+        self._range = joint_ranges(model, names.joints)
+        self._low, self._high = command_range(model, names).T
         first = model.actuator_ctrladr[servos[0]]
-        own = slice(first, first + len(servos))
-        told = np.where(model.actuator_ctrllimited[own, None], model.actuator_ctrlrange[own], (-np.inf, np.inf))
-        # keep commands within reach of the joint and within the range of its servo
-        self._low = np.maximum(limits[:, 0] + LIMIT_MARGIN, told[:, 0])
-        self._high = np.minimum(limits[:, 1] - LIMIT_MARGIN, told[:, 1])
         self._qpos, self._ctrl = self.batch.bind("qpos"), self.batch.bind("ctrl")[:, first : first + len(servos)]
         self._site = self.batch.bind("site_xpos")[:, model.site(GRIPPER).id]
         self._site_axes = self.batch.bind("site_xmat")[:, model.site(GRIPPER).id]
@@ -228,10 +224,8 @@ class ArmBatch:
             takes its target along.
         """
         increment = np.clip(increment, -self.action_limit, self.action_limit)
-        measured, wanted = self.joint_position, self._ctrl + increment
-        target = np.clip(wanted, measured - self.MAX_TRACKING_ERROR, measured + self.MAX_TRACKING_ERROR)
-        target = np.clip(target, self._low, self._high)
-        moved: Array = np.where(target == wanted, increment, target - self._ctrl)
+        target = next_target(self._ctrl, increment, self.joint_position, self._low, self._high, self.MAX_TRACKING_ERROR)
+        moved: Array = np.where(target == self._ctrl + increment, increment, target - self._ctrl)
         if self.noted is not None:
             self.noted.note(self.batch.state, target)
         done = 0

@@ -35,6 +35,7 @@ class ObservationTerm(NamedTuple):
     name: str
     unit: str
     size: int  # number of values
+    frame: str = ""  # what it is measured from, for whoever drives a real arm; empty: the task does not say
 
 
 class RewardTerms(NamedTuple):

@@ -303,7 +303,7 @@ def _results(
             efficiency=metrics.embedding_efficiency(mean, std),
         ),
         randomised=randomised,
-        observation=tuple(ObservedTerm(**term._asdict()) for term in world.observation_terms),
+        observation=tuple(ObservedTerm(name=term.name, unit=term.unit, size=term.size) for term in world.observation_terms),
         robot=_trained_robot(world),
     )
 

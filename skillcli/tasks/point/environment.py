@@ -49,7 +49,7 @@ class PointEnvironment:
     @classmethod
     def observation_terms(cls, task: PointTask, joints: int) -> tuple[ObservationTerm, ...]:
         """Return the terms of the observation in order."""
-        return (ObservationTerm("position", "m", 2),)
+        return (ObservationTerm("position", "m", 2, "of the plane: episodes start at the origin"),)
 
     @classmethod
     def scene(cls, task: PointTask, robot: Robot, delay: bool = False) -> None:

@@ -14,7 +14,7 @@ from skillcli.errors import UsageError
 from skillcli.robots.robot import Robot
 from skillcli.robots.scene import TABLE_TOP
 from skillcli.simulation import table
-from skillcli.simulation.arm_environment import ArmEnvironment
+from skillcli.simulation.arm_environment import BASE, ArmEnvironment
 from skillcli.simulation.arms import OBJECT
 from skillcli.simulation.chance import Rng
 from skillcli.simulation.environment import Array, ObservationTerm, RewardTerms
@@ -23,6 +23,10 @@ from skillcli.simulation.settings import ArmTask
 from skillcli.tasks.push.geometry import CONTACT_GAP, climb, place_behind, share
 from skillcli.tasks.push.scene import push_spec
 from skillcli.tasks.push.settings import PushTask
+
+# Frames of observed terms.
+FROM_OBJECT = f"gripper less the centre of the object, along the axes {BASE}"
+ON_TABLE = f"centre of the object, x and y {BASE}"
 
 CLEARANCE = 0.01  # m: height above the table below which the finger pays a cost
 START_GAP = 0.002  # m: between arm and box at the start
@@ -50,8 +54,8 @@ class PushEnvironment(ArmEnvironment):
     centre of the box in the plane of the table (z = 0). `reward_terms` explains the shaping, `failed` when a box is lost.
     """
 
-    position_term = ObservationTerm("gripper_relative_to_object", "m", 3)
-    shown_terms: ClassVar[tuple[ObservationTerm, ...]] = (ObservationTerm("object_place", "m", 2),)
+    position_term = ObservationTerm("gripper_relative_to_object", "m", 3, FROM_OBJECT)
+    shown_terms: ClassVar[tuple[ObservationTerm, ...]] = (ObservationTerm("object_place", "m", 2, ON_TABLE),)
     privileged_terms: ClassVar[tuple[ObservationTerm, ...]] = (
         ObservationTerm("goal_relative_to_object", "m", 2),
         ObservationTerm("object_velocity", "m/s", 2),
