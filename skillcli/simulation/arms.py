@@ -243,6 +243,10 @@ class ArmBatch:
             self.batch.step(self.active, nstep=int(self.substeps - done), stage=_NEW_STATE)
         return moved
 
+    def coast(self, substeps: int) -> None:
+        """Advance by physics steps with the commands as they are."""
+        self.batch.step(self.active, nstep=substeps, stage=_NEW_STATE)
+
     def save(self, ids: Array) -> Array:
         """Return whole simulator states, (n, S); valid for the same model and MuJoCo version only."""
         sim_states: Array = self.batch.state[ids]
