@@ -127,6 +127,11 @@ class ArmBatch:
         return target
 
     @property
+    def target_range(self) -> tuple[Array, Array]:
+        """Return the lowest and the highest commanded angle of each joint, (J,) rad each."""
+        return self._low, self._high
+
+    @property
     def joint_velocity(self) -> Array:
         """Return true joint speeds, (N, J) rad/s."""
         speed: Array = self._qvel[:, self._dof_address]
