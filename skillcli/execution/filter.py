@@ -113,8 +113,8 @@ class SafetyFilter:
         if reading.names != before.names:
             return Stop("joint_names", f"the joints came as {_listed(before.names)} and now as {_listed(reading.names)}")
         if not (np.isfinite(reading.position).all() and np.isfinite(reading.velocity).all()):
-            joint = reading.names[int(np.argmax(~(np.isfinite(reading.position) & np.isfinite(reading.velocity))))]
-            return Stop("not_finite", f"the reading of {joint} is not a finite number")
+            broken = ~(np.isfinite(reading.position) & np.isfinite(reading.velocity))
+            return Stop("not_finite", f"the reading of {reading.names[int(np.argmax(broken))]} is not a finite number")
         since, age = (reading.stamp - before.stamp) * self._speed, (now - reading.stamp) * self._speed
         if since < 0 or age < -LATEST * self._speed:
             told = f"{-since:.3g} s before the last one" if since < 0 else f"{-age:.3g} s in the future"
@@ -178,8 +178,8 @@ class SafetyFilter:
 
     def _would_touch(self, step: Array) -> str:
         """Return what the arm would touch at the next target, or where it would come to rest if it then braked."""
-        target = self.target + step
-        return self._touches(target) or self._touches(target + self._braking_way(step))
+        target, way = self.target + step, self._braking_way(step)
+        return self._touches(target) or (self._touches(target + way) if way.any() else "")
 
     def _braking_way(self, step: Array) -> Array:
         """Return how far the targets still go after a step (J,) rad if each is `_change` shorter than the one before."""
