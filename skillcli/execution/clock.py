@@ -32,6 +32,10 @@ class Ticks:
         """Note that the target of the present tick is sent."""
         self.late.append(time.monotonic() - self.tick)
 
+    def wait_half(self) -> None:
+        """Wait for the middle between this tick and the next."""
+        time.sleep(max(0.0, self.tick + self.period / 2 - time.monotonic()))
+
     def wait(self) -> None:
         """Wait for the next tick; ticks that are over by now are left out, not made up for."""
         following, now = self.tick + self.period, time.monotonic()

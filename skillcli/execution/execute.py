@@ -56,16 +56,12 @@ class Execution:
     missed: int = 0
     stopped: Stop | None = None
     during: bool = False  # whether it was stopped during the last episode, not before the next one
+    seconds: float = 0.0  # of the arm's time, since that episode began
 
     @property
     def episodes(self) -> int:
         """Return how many episodes were begun."""
         return len(self.recordings)
-
-    @property
-    def steps(self) -> int:
-        """Return the control steps of the last episode whose target was sent."""
-        return self.logs[-1].steps
 
 
 class Executor:
@@ -133,7 +129,9 @@ class Executor:
                     done.recordings.append(recording)
                     done.logs.append(arm.log)
                     _count(done, arm.ticks)
-                    done.stopped, done.during = arm.stopped, arm.stopped is not None
+                    if arm.stopped is not None:
+                        done.stopped, done.during = arm.stopped, True
+                        done.seconds = max(0.0, (arm.stopped_at - arm.log.tick[0]) * self.speed)
                     on_episode(episode, recording)
                     if arm.stopped is not None:
                         break

@@ -24,7 +24,8 @@ LIMITED = ("joint_range", "joint_speed", "joint_acceleration", "tracking", TABLE
 
 LATEST = 0.005  # s, by which a stamp may be ahead of our clock: that of the arm's reader ticks a little otherwise
 OLDEST = 0.15  # s of the arm's time, age of a reading at which it says nothing of the present
-MOVING = 0.005  # rad in a control step: an arm that was so fast does not stand still to the last bit one step later
+MOVING = 0.1  # rad/s: an arm that was so fast does not stand still to the last bit at the next reading
+ARRIVED = 0.005  # rad from its target, where an arm may well stand still
 JUMPED = 2.0  # times the largest speed, and `JUMP` in addition: no joint moves so far between two readings
 JUMP = 0.05  # rad
 LOST = 1.5  # times the largest lead: an arm that far behind its target does not follow
@@ -88,13 +89,13 @@ class SafetyFilter:
         self._fastest = limits.speed * period  # (J,) rad per control step
         self._change = limits.acceleration * period**2  # (J,) rad per control step, from one step to the next
         self._before: JointState | None = None
-        self._moved = 0.0  # rad, between the last two readings
+        self._fast = 0.0  # rad/s, of the fastest joint between the last two readings
 
     def begin(self, reading: JointState) -> None:
         """Begin with an arm at rest, whose target is where it is."""
         self.target: Array = reading.position.copy()
         self._step = np.zeros_like(self.target)  # rad, of the last target
-        self._before, self._moved = reading, 0.0
+        self._before, self._fast = reading, 0.0
 
     def judge(self, reading: JointState, now: float) -> Stop | None:
         """Return why a reading is none to go on with, if it is so.
@@ -106,7 +107,9 @@ class SafetyFilter:
         before, self._before = self._before, reading
         assert before is not None, "begin first"
         stop = self._untrusted(reading, before, now)
-        self._moved = float(np.abs(reading.position - before.position).max())
+        if stop is None:
+            since = (reading.stamp - before.stamp) * self._speed
+            self._fast = float(np.abs(reading.position - before.position).max()) / since
         return stop
 
     def _untrusted(self, reading: JointState, before: JointState, now: float) -> Stop | None:
@@ -122,8 +125,8 @@ class SafetyFilter:
         if since == 0 or age > OLDEST:
             return Stop("stale_reading", f"no new reading came; the newest is {1000 * age:.0f} ms old")
         moved = np.abs(reading.position - before.position)
-        if self._moved > MOVING and not moved.any():
-            return Stop("frozen_reading", "the angles of a moving arm stay the same to the last digit")
+        if self._fast > MOVING and not moved.any() and np.abs(self.target - reading.position).max() > ARRIVED:
+            return Stop("frozen_reading", "the angles of a moving arm are the same to the last digit")
         farthest = JUMPED * self.limits.speed * max(since, self._period) + JUMP
         if (moved > farthest).any():
             joint = int(np.argmax(moved - farthest))

@@ -1,7 +1,9 @@
 """The real-time loop: an arm behind a driver, as an environment whose steps last as long as they really do.
 
-In one step: filter the action, send the target, wait for the next tick, read. What the rest of skill does with simulations
-it can so do with an arm: `evaluation.rollouts` plays plans on it and records them.
+In one step: filter the action, send the target, wait for the next tick, read. Half-way to the tick readings are judged too:
+each time there must be a newer one, so whatever stops coming is noticed within one control period.
+
+What the rest of skill does with simulations it can so do with an arm: `evaluation.rollouts` plays plans on it and records them.
 """
 
 from __future__ import annotations
@@ -63,6 +65,7 @@ class Arm:
         self.ticks = Ticks(period / speed)
         self.log = EpisodeLog()
         self.stopped: Stop | None = None
+        self.stopped_at = 0.0  # s, on the clock of `time.monotonic`
 
     def begin(self) -> None:
         """Begin an episode: wait for a new reading, from which ticks count, and start from there.
@@ -117,21 +120,19 @@ class Arm:
         self.applied = (passed.target - before)[None]
         self.log.stepped(self.ticks.tick, time.monotonic(), wanted, passed.target, passed.why)
         self._watchdog.rest()
-        self.ticks.wait()
-        self._watchdog.expect(self.ticks.tick)
-        self._look()
+        for wait in (self.ticks.wait_half, self.ticks.wait):
+            if self.stopped is None:
+                wait()
+                self._watchdog.expect(time.monotonic() if wait == self.ticks.wait_half else self.ticks.tick)
+                self._look()
         self.log.read(self._reading)
 
     def stop(self, why: Stop) -> None:
         """Hold the arm, for good."""
         if self.stopped is None:
-            self.stopped = why
-            self._watchdog.rest()
             self._driver.hold()
-
-    def pause(self) -> None:
-        """Expect nothing until the next step."""
-        self._watchdog.rest()
+            self.stopped, self.stopped_at = why, time.monotonic()
+            self._watchdog.rest()
 
     @property
     def position(self) -> Array:

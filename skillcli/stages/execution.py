@@ -152,7 +152,7 @@ def _draft(
         filtered_steps=int(sum(steps.any(axis=1).sum() for steps in limited)),
         filtered={limit: count for limit, count in filtered.items() if count},
         violations=count_violations(recording),
-        stopped=_stopped(done, world.task.control_period),
+        stopped=_stopped(done),
     )
     deadlines = Deadlines(steps=len(done.late), missed=done.missed, p99_ms=1000 * p99(done.late))
     zero = done.logs[0].tick[0]
@@ -179,12 +179,12 @@ def _stored(recording: Trajectories) -> dict[str, Array]:
     return {f"trajectories/{field}": array for field, array in recording.arrays().items()}
 
 
-def _stopped(done: Execution, period: float) -> Stopped | None:
+def _stopped(done: Execution) -> Stopped | None:
     if done.stopped is None:
         return None
     return Stopped(
         reason=done.stopped.reason,
         message=done.stopped.message,
         episode=done.episodes - (1 if done.during else 0),
-        seconds=done.steps * period if done.during else 0.0,
+        seconds=done.seconds,
     )

@@ -13,7 +13,11 @@ from skillcli.trajectories import Array
 
 PERIOD = 0.05
 TWO = Limits(
-    low=np.array([-1.0, -0.5]), high=np.array([1.0, 0.5]), speed=np.array([1.0, 2.0]), acceleration=np.array([8.0, 4.0]), lead=0.2
+    low=np.array([-1.0, -0.5]),
+    high=np.array([1.0, 0.5]),
+    speed=np.array([1.0, 2.0]),
+    acceleration=np.array([8.0, 4.0]),
+    lead=0.2,
 )  # in a step: 0.05 and 0.1 rad, changed by 0.02 and 0.01 rad
 
 
@@ -89,7 +93,9 @@ def test_a_target_that_is_no_number_is_no_reason_to_move() -> None:
     st.tuples(st.floats(-1, 1), st.floats(-0.5, 0.5)),
     st.floats(-1.2, 1.2),
 )
-def test_no_targets_whatever_lead_beyond_a_limit(wanted: list[tuple[float, float]], start: tuple[float, float], wall: float) -> None:
+def test_no_targets_whatever_lead_beyond_a_limit(
+    wanted: list[tuple[float, float]], start: tuple[float, float], wall: float
+) -> None:
     wall = max(wall, start[0])  # it begins where it touches nothing
     guard = begun(list(start), touched="self_collision", beyond=wall)
     path, step = np.array(start), np.zeros(2)
@@ -124,6 +130,7 @@ def test_readings_that_cannot_be_trusted_stop_the_arm(reading: JointState, now: 
 
 def test_an_arm_that_stands_still_to_the_last_bit_while_it_moved_is_not_believed() -> None:
     guard = begun()
+    guard.limit(np.array([0.02, 0.0]), np.zeros(2))
     assert guard.judge(state([0.01, 0.0], 10.05), 10.05) is None
     stop = guard.judge(state([0.01, 0.0], 10.10), 10.10)
     assert stop is not None and stop.reason == "frozen_reading"
