@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 
 import numpy as np
 
@@ -32,9 +34,9 @@ class Ticks:
         """Note that the target of the present tick is sent."""
         self.late.append(time.monotonic() - self.tick)
 
-    def wait_half(self) -> None:
-        """Wait for the middle between this tick and the next."""
-        time.sleep(max(0.0, self.tick + self.period / 2 - time.monotonic()))
+    def wait_share(self, share: float) -> None:
+        """Wait until a share of the time between this tick and the next has passed."""
+        time.sleep(max(0.0, self.tick + share * self.period - time.monotonic()))
 
     def wait(self) -> None:
         """Wait for the next tick; ticks that are over by now are left out, not made up for."""
@@ -105,3 +107,16 @@ class Watchdog:
                 continue
             self._woken.wait(None if left == float("inf") else left)
             self._woken.clear()
+
+
+@contextmanager
+def urgent(by: int = 10) -> Iterator[None]:
+    """Let this thread come before others inside the block, where the system allows it."""
+    before = os.getpriority(os.PRIO_PROCESS, 0)
+    with suppress(OSError):  # it is a privilege
+        os.setpriority(os.PRIO_PROCESS, 0, before - by)
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, 0, before)

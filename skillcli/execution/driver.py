@@ -90,6 +90,10 @@ class Resettable(Protocol):
     def speed(self) -> float:
         """Return how many of the arm's seconds pass in a second of the machine's clock."""
 
+    @property
+    def patience(self) -> float:
+        """Return how much longer than with a real arm readings and the loop may take, s: its machine may be busy."""
+
     def reset(self, episode: int) -> None:
         """Put arm and object to the start of an episode, counted from 0; returns with a reading from there.
 

@@ -15,7 +15,7 @@ from skillcli.evaluation.library import Library
 from skillcli.evaluation.rollouts import Act, met, rollout_closed_loop
 from skillcli.evaluation.transfer_evaluator import NOMINAL, TransferEvaluator
 from skillcli.execution import checks
-from skillcli.execution.clock import Ticks, Watchdog
+from skillcli.execution.clock import Ticks, Watchdog, urgent
 from skillcli.execution.driver import Driver, DriverError, Resettable
 from skillcli.execution.filter import Limits, SafetyFilter, Stop
 from skillcli.execution.home import move_home
@@ -83,6 +83,7 @@ class Executor:
         self._observed = ObservedArm(world)
         self._simulated = driver if isinstance(driver, Resettable) else None
         self.speed = 1.0 if self._simulated is None else self._simulated.speed
+        self._patience = 0.0 if self._simulated is None else self._simulated.patience
         self._period = world.task.control_period
         arms, robot = self._observed.env.arms, world.robot
         self.limits = Limits.of(robot, arms, self._period, asked.share)
@@ -112,10 +113,10 @@ class Executor:
         """
         done = Execution()
         schedule = self._once.in_turn(self._asked.episodes)
-        patience = self._period / self.speed
+        patience = self._period / self.speed + self._patience
         try:
-            with Watchdog(self._driver.hold, patience) as watchdog, unhurried():
-                guard = SafetyFilter(self.limits, self._period, self._foresight.touches, self.speed)
+            with Watchdog(self._driver.hold, patience) as watchdog, unhurried(), urgent():
+                guard = SafetyFilter(self.limits, self._period, self._foresight.touches, self.speed, self._patience)
                 arm = Arm(
                     self._driver, self._observed, guard, self._period, watchdog, self.speed, self._asked.share, stop_asked,
                     self._asked.dry,

@@ -23,8 +23,9 @@ LIMITED = ("joint_range", "joint_speed", "joint_acceleration", "tracking", TABLE
 """Why a target was changed, in the order of the columns that are stored."""
 
 LATEST = 0.005  # s, by which a stamp may be ahead of our clock: that of the arm's reader ticks a little otherwise
-OLDEST = 0.15  # s of the arm's time, age of a reading at which it says nothing of the present
-MOVING = 0.1  # rad/s: an arm that was so fast does not stand still to the last bit at the next reading
+OLDEST = 0.75  # control periods, age of a reading at which it says nothing of the present
+MOVING = 0.2  # rad/s: an arm that was so fast does not stand still to the last bit soon after
+SOON = 0.4  # control periods: within less, a coarse encoder may well show the same
 ARRIVED = 0.005  # rad from its target, where an arm may well stand still
 JUMPED = 2.0  # times the largest speed, and `JUMP` in addition: no joint moves so far between two readings
 JUMP = 0.05  # rad
@@ -82,20 +83,25 @@ class SafetyFilter:
         period: control period, s of the arm's time.
         touches: what the arm would touch at joint angles (J,) rad, "" for nothing.
         speed: how many of the arm's seconds pass in a second of the clock.
+        patience: s of the clock, by which readings may be older.
     """
 
-    def __init__(self, limits: Limits, period: float, touches: Callable[[Array], str], speed: float = 1.0) -> None:
+    def __init__(
+        self, limits: Limits, period: float, touches: Callable[[Array], str], speed: float = 1.0, patience: float = 0.0
+    ) -> None:
         self.limits, self._touches, self._speed, self._period = limits, touches, speed, period
         self._fastest = limits.speed * period  # (J,) rad per control step
         self._change = limits.acceleration * period**2  # (J,) rad per control step, from one step to the next
+        # a simulated arm may be faster than real time, but the machine that simulates it is not
+        self._oldest = OLDEST * period / min(speed, 1.0) + patience  # s of the clock
         self._before: JointState | None = None
-        self._fast = 0.0  # rad/s, of the fastest joint between the last two readings
 
     def begin(self, reading: JointState) -> None:
         """Begin with an arm at rest, whose target is where it is."""
         self.target: Array = reading.position.copy()
         self._step = np.zeros_like(self.target)  # rad, of the last target
-        self._before, self._fast = reading, 0.0
+        self._before = self._mark = reading  # the last one, and one some time before
+        self._fast = 0.0  # rad/s, of the fastest joint before the mark
 
     def judge(self, reading: JointState, now: float) -> Stop | None:
         """Return why a reading is none to go on with, if it is so.
@@ -107,9 +113,10 @@ class SafetyFilter:
         before, self._before = self._before, reading
         assert before is not None, "begin first"
         stop = self._untrusted(reading, before, now)
-        if stop is None:
-            since = (reading.stamp - before.stamp) * self._speed
-            self._fast = float(np.abs(reading.position - before.position).max()) / since
+        since = (reading.stamp - self._mark.stamp) * self._speed
+        if stop is None and since >= SOON * self._period:
+            self._fast = float(np.abs(reading.position - self._mark.position).max()) / since
+            self._mark = reading
         return stop
 
     def _untrusted(self, reading: JointState, before: JointState, now: float) -> Stop | None:
@@ -118,16 +125,16 @@ class SafetyFilter:
         if not (np.isfinite(reading.position).all() and np.isfinite(reading.velocity).all()):
             broken = ~(np.isfinite(reading.position) & np.isfinite(reading.velocity))
             return Stop("not_finite", f"the reading of {reading.names[int(np.argmax(broken))]} is not a finite number")
-        since, age = (reading.stamp - before.stamp) * self._speed, (now - reading.stamp) * self._speed
-        if since < 0 or age < -LATEST * self._speed:
+        since, age = reading.stamp - before.stamp, now - reading.stamp
+        if since < 0 or age < -LATEST:
             told = f"{-since:.3g} s before the last one" if since < 0 else f"{-age:.3g} s in the future"
             return Stop("clock_jump", f"a reading is stamped {told}")
-        if since == 0 or age > OLDEST:
+        if age > self._oldest:
             return Stop("stale_reading", f"no new reading came; the newest is {1000 * age:.0f} ms old")
-        moved = np.abs(reading.position - before.position)
-        if self._fast > MOVING and not moved.any() and np.abs(self.target - reading.position).max() > ARRIVED:
+        if self._stands_still(reading):
             return Stop("frozen_reading", "the angles of a moving arm are the same to the last digit")
-        farthest = JUMPED * self.limits.speed * max(since, self._period) + JUMP
+        moved = np.abs(reading.position - before.position)
+        farthest = JUMPED * self.limits.speed * max(since * self._speed, self._period) + JUMP
         if (moved > farthest).any():
             joint = int(np.argmax(moved - farthest))
             return Stop(
@@ -139,6 +146,13 @@ class SafetyFilter:
             joint = int(np.argmax(behind))
             return Stop("not_following", f"{reading.names[joint]} is {behind[joint]:.2f} rad from where it was sent")
         return None
+
+    def _stands_still(self, reading: JointState) -> bool:
+        """Return whether an arm that moved, and is not where it was sent, is to the last bit where it was some time ago."""
+        soon = (reading.stamp - self._mark.stamp) * self._speed < SOON * self._period
+        if soon or self._fast < MOVING or (reading.position != self._mark.position).any():
+            return False
+        return bool(np.abs(self.target - reading.position).max() > ARRIVED)
 
     def limit(self, wanted: Array, measured: Array) -> Passed:
         """Return the target (J,) rad nearest to the wanted one that keeps every limit; the next one starts from it.

@@ -1,7 +1,7 @@
 """The real-time loop: an arm behind a driver, as an environment whose steps last as long as they really do.
 
-In one step: filter the action, send the target, wait for the next tick, read. Half-way to the tick readings are judged too:
-each time there must be a newer one, so whatever stops coming is noticed within one control period.
+In one step: filter the action, send the target, wait for the next tick, read. On the way to the tick readings are judged
+too, so that whatever breaks or stops coming is noticed within one control period.
 
 What the rest of skill does with simulations it can so do with an arm: `evaluation.rollouts` plays plans on it and records them.
 """
@@ -24,6 +24,7 @@ from skillcli.trajectories import Array
 
 FIRST_READING = 2.0  # s, within which a new reading must come before an episode
 SETTLE = 0.001  # s after a new reading, at which ticks begin: later ones then find one that is as new
+LOOKS = (0.25, 0.5, 0.75)  # shares of the time between two ticks after which readings are judged too
 OLD_OBJECT = 0.3  # s of the arm's time: cameras are slower than encoders
 
 
@@ -120,11 +121,15 @@ class Arm:
         self.applied = (passed.target - before)[None]
         self.log.stepped(self.ticks.tick, time.monotonic(), wanted, passed.target, passed.why)
         self._watchdog.rest()
-        for wait in (self.ticks.wait_half, self.ticks.wait):
-            if self.stopped is None:
-                wait()
-                self._watchdog.expect(time.monotonic() if wait == self.ticks.wait_half else self.ticks.tick)
-                self._look()
+        for share in LOOKS:
+            self.ticks.wait_share(share)
+            self._watchdog.expect(time.monotonic())
+            self._look(between=True)
+            self._watchdog.rest()
+        if self.stopped is None:
+            self.ticks.wait()
+            self._watchdog.expect(self.ticks.tick)
+            self._look()
         self.log.read(self._reading)
 
     def stop(self, why: Stop) -> None:
@@ -155,8 +160,10 @@ class Arm:
                 self.stop(Stop("driver_lost", error.message))
         self.ticks.answered()
 
-    def _look(self) -> None:
-        """Read, and stop if the reading is none to go on with."""
+    def _look(self, between: bool = False) -> None:
+        """Read, and stop if the reading is none to go on with; between two ticks it is only judged."""
+        if self.stopped is not None:
+            return
         try:
             reading, seen = self._driver.read(), self._object()
         except DriverError as error:
@@ -169,7 +176,7 @@ class Arm:
         stop = self._guard.judge(reading, now) or self._judge_object(seen, now)
         if stop is not None:
             self.stop(stop)
-        else:
+        elif not between:
             self._accept(reading, seen)
 
     def _object(self) -> ObjectPose | None:

@@ -29,6 +29,7 @@ from skillcli.trajectories import Array
 
 START_SECONDS = 60.0  # s, within which the process of the arm must have begun
 LOST = 0.8  # control periods after which a command must have been taken
+GONE_SECONDS = 0.002  # s, to ask a process that is gone for its code: the caller has a hold to send
 END_SECONDS = 2.0  # s, that the process may take to end
 
 
@@ -39,6 +40,8 @@ class Settings(Conditions):
     recipe: Annotated[dict[str, Any], BeforeValidator(lambda given: _recipe(given)), Field(validate_default=True)] = "reach"  # type: ignore[assignment]
     domain: str = "nominal"  # a preset or a file: every episode has a robot drawn from it
     speed: Annotated[float, Field(gt=0, le=100)] = 1.0  # simulated seconds in a second
+    # s, how much longer than with a real arm readings and the loop may take, on a machine that is busy with other work
+    patience: Annotated[float, Field(ge=0, le=10)] = 0.0
     seed: Annotated[int, Field(ge=0)] = 0  # of the drawn robots: as `skill transfer-eval --seed`
 
 
@@ -83,8 +86,13 @@ class SimulationDriver:
 
     @property
     def speed(self) -> float:
-        """Return how many simulated seconds pass in a second."""
+        """See `Resettable`."""
         return self._settings.speed
+
+    @property
+    def patience(self) -> float:
+        """See `Resettable`."""
+        return self._settings.patience
 
     def connect(self) -> None:
         """See `Driver`."""
@@ -128,7 +136,7 @@ class SimulationDriver:
         """See `Driver`."""
         self._take()
         reading = self._known()
-        if self._sent and reading.taken < self._sent and reading.stamp - self._sent_at > LOST * self._period:
+        if self._sent and reading.taken < self._sent and reading.stamp - self._sent_at > LOST * self._period + self.patience:
             raise DriverError("the simulated arm did not get the last command", "a command was lost on the way")
         return JointState(self._names, reading.position, reading.velocity, reading.stamp)
 
@@ -214,7 +222,7 @@ class SimulationDriver:
         reason = self._trouble
         if not reason:
             try:
-                code: object = self._process.wait(END_SECONDS)
+                code: object = self._process.wait(GONE_SECONDS)
             except subprocess.TimeoutExpired:
                 code = "unknown"
             self._errors.seek(0)

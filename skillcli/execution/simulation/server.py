@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import select
 import socket
 import sys
@@ -18,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from skillcli.errors import SkillError
+from skillcli.execution.clock import urgent
 from skillcli.execution.simulation import wire
 from skillcli.execution.simulation.arm import SimulatedArm
 from skillcli.execution.simulation.faults import Conditions
@@ -133,7 +135,7 @@ class Server:
         """Send a reading on its way, as the faults leave it."""
         acting = self._acting()
         if "kill" in acting:
-            raise SystemExit(9)
+            os._exit(9)
         position, velocity, pose = self._arm.read()
         stamp = self._zero + self._now / self._speed
         reading = Reading(stamp, self._taken, position, velocity, pose)
@@ -177,7 +179,8 @@ def main() -> None:
     assert kind is Kind.SETUP
     end.setblocking(False)
     try:
-        Server(end, json.loads(body), inbox).serve()
+        with urgent():  # the controller of an arm is not put aside for other work either
+            Server(end, json.loads(body), inbox).serve()
     except ConnectionError:
         return  # the client has left
     except SkillError as error:
