@@ -92,7 +92,7 @@ def test_figure_recording_table_and_verification(store: Path, tmp_path: Path) ->
     assert made("--store", store, "verify", told["id"])["ok"]
     table = table_of(artifact).renderables[1]
     assert isinstance(table, Table)
-    assert [[*column.cells][0] for column in table.columns][:2] == ["sawyer, simulated: nominal", "1/1"]
+    assert [next(iter(column.cells)) for column in table.columns][:2] == ["sawyer, simulated: nominal", "1/1"]
 
 
 FAULTS = {
