@@ -12,6 +12,9 @@ from unittest import mock
 
 from skillcli.cli.app import main
 
+# The stages of a chain, each made from the one before; an execution needs an arm too.
+CHAIN = ("pretrain", "embed-means", "compose", "transfer-eval")
+
 # A chain on the Sawyer that learns nothing worth having, in a second.
 TINY = (
     "training.iterations=2", "training.simulations=16", "training.minibatch=128", "task.horizon=16", "evaluation.latents=3",

@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from skillcli.composition.registry import replanning
-from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, ByKind, kind_spec
+from skillcli.kinds import COMPOSE, EMBED_MEANS, EXECUTION, PRETRAIN, TRANSFER_EVAL, ByKind, kind_spec
 from skillcli.kinds.compose import Violation
 from skillcli.kinds.embed_means import Halfway
 from skillcli.kinds.outcome import Outcome
@@ -234,3 +234,27 @@ def _sensitivity(domain: DomainResults) -> Table | None:
         shown = f"{row.successes}/{row.episodes}", _interval(row)
         table.add_row(row.parameter, *shown, _centimetres(row.final_distance_m.median))
     return table
+
+
+@TABLES.register(EXECUTION)
+def execution(artifact: Artifact) -> Group:
+    """Tell how an execution went."""
+    found, clock = EXECUTION.results_of(artifact), EXECUTION.measured_of(artifact).deadlines
+    table = _table("arm", "success", "95 %", "median", "p90", "filtered steps", "late", "99 % within")
+    arm = found.robot.name if found.domain is None else f"{found.robot.name}, simulated: {found.domain}"
+    table.add_row(
+        arm, f"{found.successes}/{found.episodes}", _interval(found), _centimetres(found.final_distance_m.median),
+        _centimetres(found.final_distance_m.p90), f"{found.filtered_steps}", f"{clock.missed}/{clock.steps}",
+        f"{clock.p99_ms:.1f} ms",
+    )  # fmt: skip
+    said = ["nothing was sent: a dry run"] if found.dry_run else []
+    if found.max_speed < 1:
+        said.append(f"at {found.max_speed:.0%} of the usual speed")
+    if found.filtered:
+        said.append("filtered: " + ", ".join(f"{limit} in {count} steps" for limit, count in found.filtered.items()))
+    if violated := {limit: count for limit, count in found.violations.items() if count}:
+        said.append("safety limits violated: " + ", ".join(f"{limit} in {count} episodes" for limit, count in violated.items()))
+    if (stop := found.stopped) is not None:
+        said.append(f"stopped in episode {stop.episode + 1} after {stop.seconds:.2f} s, {stop.reason}: {stop.message}")
+    parts = ["\n".join(said)] if said else []
+    return Group(_title(artifact, f": {artifact.parents[0].id} by the driver {found.driver}"), table, *parts)

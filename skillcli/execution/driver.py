@@ -61,7 +61,10 @@ class Driver(Protocol):
         """
 
     def hold(self) -> None:
-        """Tell the arm to stay where it is. Never raises: it is the last resort."""
+        """Tell the arm to stay where it is. Never raises: it is the last resort.
+
+        May be called from another thread, while `read` or `command` hangs.
+        """
 
     def close(self) -> None:
         """Hold, and end the connection; may be called twice, and without `connect`."""
@@ -73,6 +76,26 @@ class ObjectSource(Protocol):
 
     def object_pose(self) -> ObjectPose:
         """Return the newest pose of the object; its stamp says when it was taken.
+
+        Raises:
+            DriverError: the connection is lost.
+        """
+
+
+@runtime_checkable
+class Resettable(Protocol):
+    """A driver whose arm and scene can be put back to the start by itself, as only a simulated one can."""
+
+    @property
+    def speed(self) -> float:
+        """Return how many of the arm's seconds pass in a second of the machine's clock."""
+
+    @property
+    def patience(self) -> float:
+        """Return how much longer than with a real arm readings and the loop may take, s: its machine may be busy."""
+
+    def reset(self, episode: int) -> None:
+        """Put arm and object to the start of an episode, counted from 0; returns with a reading from there.
 
         Raises:
             DriverError: the connection is lost.

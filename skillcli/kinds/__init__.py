@@ -8,16 +8,28 @@ from typing import Any, Generic, TypeVar
 from skillcli.errors import StoreError
 from skillcli.kinds.compose import COMPOSE
 from skillcli.kinds.embed_means import EMBED_MEANS
+from skillcli.kinds.execution import EXECUTION
 from skillcli.kinds.pretrain import PRETRAIN
 from skillcli.kinds.spec import KindSpec
 from skillcli.kinds.transfer_eval import TRANSFER_EVAL
 
-__all__ = ["COMPOSE", "EMBED_MEANS", "KINDS", "PRETRAIN", "TRANSFER_EVAL", "AnyKind", "ByKind", "KindSpec", "kind_spec"]
+__all__ = [
+    "COMPOSE",
+    "EMBED_MEANS",
+    "EXECUTION",
+    "KINDS",
+    "PRETRAIN",
+    "TRANSFER_EVAL",
+    "AnyKind",
+    "ByKind",
+    "KindSpec",
+    "kind_spec",
+]
 
 AnyKind = KindSpec[Any, Any]
 T = TypeVar("T")
 
-KINDS: dict[str, AnyKind] = {spec.name: spec for spec in (PRETRAIN, EMBED_MEANS, COMPOSE, TRANSFER_EVAL)}
+KINDS: dict[str, AnyKind] = {spec.name: spec for spec in (PRETRAIN, EMBED_MEANS, COMPOSE, TRANSFER_EVAL, EXECUTION)}
 """By name, in the order of a chain."""
 
 

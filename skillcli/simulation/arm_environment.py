@@ -52,7 +52,7 @@ class ArmEnvironment:
 
     def __init__(self, task: ArmTask, robot: Robot, goals: Array, num_envs: int, threads: int = 0, delay: bool = False) -> None:
         self.num_envs, self.horizon, self.tolerance, self.robot = num_envs, task.horizon, task.tolerance, robot
-        self.control_period = task.control_period
+        self.control_period = self.sensor_period = task.control_period  # s; how often sensors advance, see `coast`
         self._observe_command = task.observe_command
         joints = robot.joint_count
         self.joints = self.action_size = joints
@@ -207,7 +207,7 @@ class ArmEnvironment:
             self._disturbance = Disturbance(parameters, self.num_envs, self.arms.substeps, self.control_period, rng)
         if sensors.needed(parameters):
             true = self._true()
-            self._sensors = Sensors(parameters, self.num_envs, self.control_period, rng, self.action_size, true.shape[1])
+            self._sensors = Sensors(parameters, self.num_envs, self.sensor_period, rng, self.action_size, true.shape[1])
             self._sensors.reset(np.arange(self.num_envs), true)
 
     def step(self, action: Array) -> Step:
@@ -227,6 +227,22 @@ class ArmEnvironment:
         terms = self.reward_terms()
         reward = np.where(failed, self.failure_reward, total_reward(terms))
         return Step(self.observe(), reward, failed, self._elapsed >= self.horizon, signed(terms))
+
+    @property
+    def disturbance(self) -> Disturbance | None:
+        """Return what draws late commands and external forces; None if there are none."""
+        return self._disturbance
+
+    def coast(self, substeps: int) -> None:
+        """Advance by physics steps with the commands as they are, and the sensors by one `sensor_period`."""
+        self.arms.coast(substeps)
+        if self._sensors is not None:
+            self._sensors.advance(self._true())
+
+    def measure(self) -> tuple[Array, Array | None]:
+        """Return joint angles (N, J) rad and object poses (N, 7), or None without one, as the sensors show them now."""
+        self.observe()
+        return self._measured[:, : self.action_size].astype(float), self.object_seen()
 
     def set_active(self, ids: Array | None) -> None:
         """See `Environment`."""

@@ -125,6 +125,11 @@ class ArmBatch:
         return target
 
     @property
+    def target_range(self) -> tuple[Array, Array]:
+        """Return the lowest and the highest commanded angle of each joint, (J,) rad each."""
+        return self._low, self._high
+
+    @property
     def joint_velocity(self) -> Array:
         """Return true joint speeds, (N, J) rad/s."""
         speed: Array = self._qvel[:, self._dof_address]
@@ -238,6 +243,10 @@ class ArmBatch:
         if done < self.substeps:
             self.batch.step(self.active, nstep=int(self.substeps - done), stage=_NEW_STATE)
         return moved
+
+    def coast(self, substeps: int) -> None:
+        """Advance by physics steps with the commands as they are."""
+        self.batch.step(self.active, nstep=substeps, stage=_NEW_STATE)
 
     def save(self, ids: Array) -> Array:
         """Return whole simulator states, (n, S); valid for the same model and MuJoCo version only."""

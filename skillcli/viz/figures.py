@@ -19,7 +19,7 @@ from matplotlib.gridspec import GridSpec, SubplotSpec
 from matplotlib.lines import Line2D
 
 from skillcli.errors import UsageError
-from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, ByKind
+from skillcli.kinds import COMPOSE, EMBED_MEANS, EXECUTION, PRETRAIN, TRANSFER_EVAL, ByKind
 from skillcli.robots.robot import Robot
 from skillcli.trajectories import Array
 from skillcli.viz import motion, subplots_space, subplots_time, subplots_transfer
@@ -160,6 +160,24 @@ def _transferred(figure: Figure, scene: Scene) -> None:
     lower = outer[1].subgridspec(1, 2)
     subplots_transfer.success(figure.add_subplot(lower[0]), scene)
     subplots_transfer.final_distances(figure.add_subplot(lower[1]), scene)
+    _head(figure, scene)
+    _skill_legend(figure, scene, subplots_space.skills_in_use(scene))
+
+
+@FIGURES.register(EXECUTION)
+def _executed(figure: Figure, scene: Scene) -> None:
+    """Draw what an arm did beside what was planned: in space, and over time."""
+    figure.set_size_inches(10.5, 5.6)
+    maps, right = _columns(figure, scene)
+    episodes = list(range(scene.trajectories.episodes))
+    for axes, plane in _maps(figure, maps, scene):
+        subplots_space.executed(axes, scene, plane, episodes)
+        subplots_space.planned(axes, scene, plane)
+        subplots_space.waypoints(axes, scene, plane)
+    grid = right.subgridspec(2, 2)
+    subplots_time.against_plan(figure.add_subplot(grid[0, :]), scene)
+    subplots_transfer.success(figure.add_subplot(grid[1, 0]), scene)
+    subplots_transfer.final_distances(figure.add_subplot(grid[1, 1]), scene)
     _head(figure, scene)
     _skill_legend(figure, scene, subplots_space.skills_in_use(scene))
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from skillcli.errors import SkillError
 from skillcli.evaluation.library import Library, is_same_robot, kin, open_library
-from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, ByKind, kind_spec
+from skillcli.kinds import COMPOSE, EMBED_MEANS, EXECUTION, PRETRAIN, TRANSFER_EVAL, ByKind, kind_spec
 from skillcli.kinds.transfer_eval import TargetRobot
 from skillcli.robots.config import bundled_robots
 from skillcli.robots.robot import load_target
@@ -32,6 +32,7 @@ class Shown:
     other_robot: str = ""
     world: World | None = None  # that ran the episodes; None: the library's
     parameters: Mapping[str, Array] = field(default_factory=dict)
+    pace: float = 1.0
 
 
 SCENES: ByKind[Callable[[Store, Artifact, Library], Shown]] = ByKind("figure or recording")
@@ -81,6 +82,7 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
         source_joints=library.world.robot.names.joints if shown.world else (),
         other_robot=shown.other_robot,
         parameters=shown.parameters,
+        pace=shown.pace,
     )
 
 
@@ -132,17 +134,37 @@ def _transferred(store: Store, artifact: Artifact, library: Library) -> Shown:
     )
 
 
+@SCENES.register(EXECUTION)
+def _executed(store: Store, artifact: Artifact, library: Library) -> Shown:
+    found, file = EXECUTION.results_of(artifact), EXECUTION.measured_of(artifact).robot_file
+    arm = found.domain or found.driver
+    other = f"{found.robot.name}.toml" if file else ""
+    return Shown(
+        runs=Runs.DOMAINS,
+        labels=tuple(f"{arm} {episode}" for episode in range(found.episodes)),
+        intervals={arm: (found.success_rate, *found.ci95)},
+        source=_sent(store, artifact, library),
+        other_robot=other,
+        world=_other_world(artifact, file, other, found.robot.fingerprint, library.world) if file else None,
+        pace=found.max_speed,
+    )
+
+
 def _target(artifact: Artifact, robot: TargetRobot, world: World) -> World | None:
-    """Return the robot that ran a transfer, in its world; None if its file is gone or has changed.
+    """Return the robot that ran a transfer, in its world; None if its file is gone or has changed."""
+    return _other_world(artifact, TRANSFER_EVAL.measured_of(artifact).robot_file or "", robot.file, robot.fingerprint, world)
+
+
+def _other_world(artifact: Artifact, file: str, name: str, fingerprint: str, world: World) -> World | None:
+    """Return the world of another robot than the source's; None if its file is gone or has changed.
 
     The artifact may come from elsewhere: only a file of the name that its results tell is read, by a whole path.
     """
-    file = TRANSFER_EVAL.measured_of(artifact).robot_file or ""
-    if file not in bundled_robots() and not (Path(file).is_absolute() and Path(file).name == robot.file):
+    if file not in bundled_robots() and not (Path(file).is_absolute() and Path(file).name == name):
         return None
     try:
         target = load_target(file, world.robot)
-        return world.on(target) if is_same_robot(artifact, robot.fingerprint, target) else None
+        return world.on(target) if is_same_robot(artifact, fingerprint, target) else None
     except SkillError:
         return None
 

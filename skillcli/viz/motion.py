@@ -128,6 +128,17 @@ def distance(scene: Scene, episode: int) -> Array:
     return gap
 
 
+def off_plan(scene: Scene, episode: int) -> Array:
+    """Return how far an executed episode is from where its plan is at that time, (length+1,) m."""
+    assert scene.source is not None, "there is no plan to compare with"
+    route = int(scene.episode_source[episode])
+    way = scene.source.achieved_goal[route, : int(scene.source.length[route]) + 1]
+    moved, last = path(scene, episode), len(way) - 1
+    due = np.minimum(np.round(np.arange(len(moved)) * scene.pace).astype(int), last)
+    gap: Array = np.linalg.norm(moved - way[due], axis=-1)
+    return gap
+
+
 def closest(scene: Scene, episode: int) -> Array:
     """Return the smallest distance to each waypoint in its turn, (W,) m, as in the results of the composition."""
     return ordered_approach(path(scene, episode), due_in(scene, episode), scene.tolerance)

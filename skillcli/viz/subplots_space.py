@@ -215,6 +215,15 @@ def executed(axes: Axes, scene: Scene, plane: Plane, episodes: list[int]) -> Non
     axes.set_title("executed, from above" if plane == (0, 1) else "from the side")
 
 
+def planned(axes: Axes, scene: Scene, plane: Plane) -> None:
+    """Draw the paths that were planned, dotted, beside the executed ones."""
+    sent = motion.sent(scene)
+    for episode in range(sent.trajectories.episodes if sent else 0):
+        assert sent is not None
+        axes.plot(*motion.path(sent, episode)[:, plane].T, color=TARGET, ls=":", lw=1.1, zorder=4)
+    axes.set_title("executed (dotted: planned)" if plane == (0, 1) else "from the side")
+
+
 def latents(axes: Axes, scene: Scene, plane: Plane, route: int | None = None) -> None:
     """Draw means with ellipses of standard deviations, and the latents of an episode in order.
 

@@ -164,6 +164,19 @@ def waypoint_distance(axes: Axes, scene: Scene, episode: int) -> None:
             )
 
 
+def against_plan(axes: Axes, scene: Scene) -> None:
+    """Draw how far each executed episode is from its plan over time, in the style of its success."""
+    scale, name = unit(scene)
+    axes.set(xlabel="time [s]", ylabel=f"distance [{name}]", title="executed against planned, at the same time")
+    axes.grid(True, axis="y")
+    if scene.source is None:
+        return
+    for episode in range(scene.trajectories.episodes):
+        color = TARGET if scene.trajectories.success[episode] else COLORS[1]
+        axes.plot(_time(scene, episode), scale * motion.off_plan(scene, episode), color=color, lw=0.9, alpha=0.7)
+    axes.set(xlim=(0, None), ylim=(0, None))
+
+
 def closest(axes: Axes, scene: Scene) -> None:
     """Draw the smallest distance to each waypoint in its turn, all routes in a row."""
     scale, name = unit(scene)

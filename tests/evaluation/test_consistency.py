@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command import skill
+from command import CHAIN, skill
 from forge import forge
 from worlds import make_env, sizes
 
@@ -23,7 +23,7 @@ from skillcli.evaluation.library import open_library
 from skillcli.learning.agent import Agent
 from skillcli.learning.shapes import weight_shapes
 from skillcli.recipe import load_recipe, recipe_names, resolve
-from skillcli.store import STAGES, Artifact, ArtifactId, Store
+from skillcli.store import Artifact, ArtifactId, Store
 from skillcli.tasks.world import World
 from skillcli.viz.loading import scene_of
 
@@ -59,7 +59,7 @@ def moved(folder: Path, chain: Path, stage: str = "pretrain") -> tuple[Store, Ar
     return store, store.read(one)
 
 
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", CHAIN)
 def test_what_the_stages_write_means_what_it_says(chain: Path, push_chain: Path, stage: str) -> None:
     for store, name in ((Store(chain), "tiny"), (Store(push_chain), "pushed")):
         artifact = ArtifactId(name, stage, 1)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command import CHAIN
 from worlds import JOINTS
 
 from skillcli import metrics
@@ -24,7 +25,7 @@ from skillcli.simulation.domains import find_domain
 from skillcli.stages.compose import Request, compose, execute
 from skillcli.stages.pretrain import evaluate, pretrain
 from skillcli.stages.transfer_eval import transfer_eval
-from skillcli.store import STAGES, Artifact, ArtifactId, Store
+from skillcli.store import Artifact, ArtifactId, Store
 from skillcli.tasks.world import World, skill_goals
 from skillcli.trajectories import Trajectories
 
@@ -37,18 +38,18 @@ def recording(artifact: Artifact) -> Trajectories:
     return Trajectories(**artifact.group("trajectories"))
 
 
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", CHAIN)
 def test_every_artifact_is_whole_and_knows_where_it_comes_from(chain: Path, stage: str) -> None:
     store, artifact = Store(chain), read(chain, stage)
     assert store.verify(artifact.id) == []
-    before = STAGES.index(stage) - 1
-    assert [str(parent.id) for parent in artifact.parents] == ([f"tiny/{STAGES[before]}-v1"] if stage != "pretrain" else [])
-    assert len(store.lineage(artifact.id)) == STAGES.index(stage)
+    before = CHAIN.index(stage) - 1
+    assert [str(parent.id) for parent in artifact.parents] == ([f"tiny/{CHAIN[before]}-v1"] if stage != "pretrain" else [])
+    assert len(store.lineage(artifact.id)) == CHAIN.index(stage)
     assert artifact.seed == 0 and artifact.recipe_name == "smoke" and artifact.model_sha256 and artifact.inputs_sha256
     assert artifact.command.startswith("skill run smoke --name tiny --set training.iterations=2")
 
 
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", CHAIN)
 def test_recordings_agree_with_themselves(chain: Path, stage: str) -> None:
     artifact, path = read(chain, stage), recording(read(chain, stage))
     episodes, steps = path.skill.shape

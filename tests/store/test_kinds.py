@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command import made, skill
+from command import CHAIN, made, skill
 from rich.table import Table
 
 from skillcli.cli.tables import TABLES, table_of
@@ -198,7 +198,7 @@ def test_what_older_artifacts_leave_out_is_read_as_what_it_means() -> None:
     assert (found.counts, found.angle, found.robot) == (3, None, None)
 
 
-@pytest.mark.parametrize("kind", STAGES)
+@pytest.mark.parametrize("kind", CHAIN)
 def test_what_the_stages_write_is_read_and_written_as_the_same(chain: Path, kind: str) -> None:
     artifact = Store(chain).read(ArtifactId("tiny", kind, 1))
     spec = kind_spec(kind)

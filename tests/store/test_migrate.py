@@ -24,6 +24,7 @@ PRESENT = {
     "tiny/embed-means-v1": "46cdb0998e6b5fb5",
     "tiny/compose-v1": "e44e8f970b822205",
     "tiny/transfer-eval-v1": "4efbea0fef37fe4c",
+    "tiny/execution-v1": "3b80d2a030c15f09",
 }
 OLDER = ("reference-point/embed-means-v1", "reference-point/compose-v1")
 

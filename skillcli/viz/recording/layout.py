@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import rerun.blueprint as rrb
 
-from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL, ByKind
+from skillcli.kinds import COMPOSE, EMBED_MEANS, EXECUTION, PRETRAIN, TRANSFER_EVAL, ByKind
 from skillcli.trajectories import Array
 from skillcli.viz import motion
 from skillcli.viz.recording.entities import curve_path, in_space, slug, spread
@@ -73,7 +73,7 @@ def _composed(scene: Scene) -> rrb.Container:
     return rrb.Horizontal(_space_view(scene), right, column_shares=[3, 2])
 
 
-@LAYOUTS.register(TRANSFER_EVAL)
+@LAYOUTS.register(TRANSFER_EVAL, EXECUTION)
 def _transferred(scene: Scene) -> rrb.Container:
     """Show source and target at the same time; below them their distances, the latent, and the robot's parameters."""
     paths = [_space_view(scene, "all paths"), *(_space_view(scene, name, slug(name)) for name in motion.domains(scene))]
