@@ -56,6 +56,12 @@ PARAMETERS: dict[str, Parameter] = {
     "joint_damping": Parameter(PER_JOINT, "factor", "viscous damping of each joint", 0, 1000),
     "joint_friction": Parameter(PER_JOINT, "factor", "dry friction of each joint", 0, 1000),
     "gain": Parameter(PER_JOINT, "factor", "stiffness of each servo, its damping with it", 0, 1000),
+    "command_response": Parameter(
+        PER_JOINT, "factor", "share of each commanded increment, after clipping, by which the command moves", 0, 10
+    ),
+    "command_restart": Parameter(
+        1, "share", "0: increments add to the command, 1: to the joint angle as it is, as controllers do that forget", 0, 1
+    ),
     "contact_friction": Parameter(1, "factor", "sliding friction of table, box and finger", 0, 100),
     "table_height": Parameter(1, "m", "offset of the table top", -0.2, 0.2),
     "table_tilt": Parameter(2, "rad", "rotation of the table about the middle of its top, about x and y", -0.2, 0.2),
