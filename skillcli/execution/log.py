@@ -94,6 +94,10 @@ def checked(log: Log, what: str) -> Log:
         UsageError: shapes do not fit, a number is not finite or absurd, stamps do not increase, or it is too short or long.
     """
     rows = len(log.stamps)
+    if rows < FEWEST_STEPS:
+        raise UsageError(
+            f"{what} has {rows} rows, expected at least {FEWEST_STEPS} control steps", "record some seconds of motion"
+        )
     if rows > MOST_ROWS:
         raise UsageError(f"{what} has {rows} rows, at most {MOST_ROWS} are read", "cut it into several logs")
     wanted = {"position": (rows, log.joints), "sent": (rows, log.joints), "velocity": (rows, log.joints)}
@@ -116,14 +120,18 @@ def checked(log: Log, what: str) -> Log:
         back = np.flatnonzero(np.diff(log.stamps[episode]) <= 0)
         if len(back):
             row = episode.start + int(back[0]) + 2
-            raise UsageError(f"{what}: the stamp of row {row} is not later than the one before", "sort the rows by their stamps")
+            raise UsageError(
+                f"{what}: the stamp of row {row} is not later than the one before", "sort the rows by their stamps"
+            )
+    if log.control_steps > 0 and not PERIODS[0] <= log.period <= PERIODS[1]:
+        said = f"{what}: the control period is {log.period:g} s, expected {PERIODS[0]:g} to {PERIODS[1]:g} s"
+        raise UsageError(said, "stamps are in s")
     parted = _parted(log)
     if parted.control_steps < FEWEST_STEPS:
         raise UsageError(
-            f"{what} has {max(0, parted.control_steps)} control steps, expected at least {FEWEST_STEPS}", "record some seconds of motion"
+            f"{what} has {max(0, parted.control_steps)} control steps, expected at least {FEWEST_STEPS}",
+            "record some seconds of motion",
         )
-    if not PERIODS[0] <= parted.period <= PERIODS[1]:
-        raise UsageError(f"{what}: the control period is {parted.period:g} s, expected {PERIODS[0]:g} to {PERIODS[1]:g} s", "stamps are in s")
     return parted
 
 

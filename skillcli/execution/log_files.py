@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -73,7 +73,8 @@ def _csv_log(raw: bytes, joints: tuple[str, ...], period: float, what: str) -> L
         raise UsageError(f"{what}: expected gripper_x, gripper_y and gripper_z, or none of them", HELP)
     stamped = "time" in index
     stamps = table[:, index["time"]] if stamped else period * np.arange(len(table))
-    changes = np.flatnonzero(np.diff(table[:, index["episode"]])) + 1 if "episode" in index else []
+    episode = table[:, index["episode"]] if "episode" in index else np.zeros(len(table))
+    changes = np.flatnonzero(np.diff(episode)) + 1
     return Log(
         names=joints,
         stamps=stamps,
@@ -119,9 +120,7 @@ def _table(raw: bytes, what: str) -> tuple[list[str], Array]:
 def _npz_log(raw: bytes, joints: tuple[str, ...], period: float, what: str) -> Log:
     arrays = _arrays(raw, what)
     if "joint_position" not in arrays or ("target" in arrays) == ("action" in arrays):
-        raise UsageError(
-            f"{what}: expected the arrays joint_position, and target or action, got {_listed(list(arrays))}", HELP
-        )
+        raise UsageError(f"{what}: expected the arrays joint_position, and target or action, got {_listed(list(arrays))}", HELP)
     angles = arrays["joint_position"]
     if angles.ndim not in (2, 3):
         raise UsageError(f"{what}: joint_position has the shape {angles.shape}, expected (T, J) or (E, T, J)", HELP)
@@ -137,8 +136,8 @@ def _npz_log(raw: bytes, joints: tuple[str, ...], period: float, what: str) -> L
         wanted = angles.shape[:-1] + ((width,) if width else ())
         if values.dtype.kind not in "fiu" or values.shape != wanted:
             raise UsageError(f"{what}: {name} has the shape {values.shape}, expected {wanted} numbers", HELP)
-        flat = values.astype(float).reshape(episodes * rows, -1)[kept]
-        return flat if width else flat[:, 0]
+        flat: Array = values.astype(float).reshape(episodes * rows, -1)[kept]
+        return flat if width else flat.ravel()
 
     def of_joints(name: str) -> Array | None:
         values = of(name, count)

@@ -218,8 +218,8 @@ class ArmBatch:
     def step(self, increment: Array, latency: Array | None = None) -> Array:
         """Add increments (N, J) rad to the commands and advance by one control step.
 
-        A robot may follow a share of an increment only (`command_response`), or add it to the joint angle instead of the command
-        (`command_restart`).
+        A robot may follow a share of an increment only (`command_response`), or add it to the joint angle instead of the
+        command (`command_restart`).
 
         Args:
             increment: of each joint's command.

@@ -46,6 +46,10 @@ class Knobs:
         self._where = {name: slice(int(a), int(b)) for name, a, b in zip(names, ends[:-1], ends[1:], strict=True)}
         self.count = int(ends[-1])
 
+    def where(self, name: str) -> slice:
+        """Return which of the numbers are those of a parameter."""
+        return self._where[name]
+
     def parameters(self, x: Array) -> dict[str, Array]:
         """Return the parameters by name, (J,) or () each."""
         return {name: self.value(name, x[where]) for name, where in self._where.items()}
@@ -55,14 +59,6 @@ class Knobs:
         where = self._where[name]
         off = CERTAIN * spread[where]
         return self.value(name, x[where]), self.value(name, x[where] - off), self.value(name, x[where] + off)
-
-    def carried(self, other: Knobs, x: Array) -> Array:
-        """Return these numbers with what is known of them from other knobs' numbers `x`; 0 for the rest."""
-        own = np.zeros(self.count)
-        for name in self.names:
-            if name in other._where:
-                own[self._where[name]] = x[other._where[name]]
-        return own
 
     @staticmethod
     def value(name: str, x: Array) -> Array:

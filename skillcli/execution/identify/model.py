@@ -66,9 +66,9 @@ class Model:
     def commanded(self, meaning: Meaning, responses: Array) -> Array:
         """Return the commanded joint angles after each row, (P, T, J) rad, for responses (P, J)."""
         if meaning is Meaning.TARGETS:
-            return self.log.sent[None]
+            return np.asarray(self.log.sent[None])
         limit = self._replay.action_limit
-        moved = responses[:, None] * np.clip(self.log.sent, -limit, limit)  # (P, T, J)
+        moved: Array = responses[:, None] * np.clip(self.log.sent, -limit, limit)  # (P, T, J)
         if meaning is Meaning.RESTARTED:
             return self.log.position + moved
         lead = ArmBatch.MAX_TRACKING_ERROR

@@ -68,8 +68,13 @@ def held_out(log: Log) -> Array:
     return held
 
 
+def how_held_out(log: Log) -> str:
+    """Return in words what `held_out` chose."""
+    return "every third episode" if len(log.starts) >= ENOUGH_EPISODES else "every fourth half second"
+
+
 def short_windows(log: Log, length: int, wanted: Array) -> Windows:
-    """Return the windows of a length, one behind the other in each episode, all of whose predictions are `wanted`, (T,) bool."""
+    """Return windows of a length, one behind the other in each episode, all of whose predictions are `wanted`, (T,) bool."""
     first = [row for rows in log.episodes for row in range(rows.start, rows.stop - length, length)]
     kept = np.array([row for row in first if wanted[row + 1 : row + 1 + length].all()], dtype=int)
     return Windows(kept, length, np.ones((len(kept), length), dtype=bool))
