@@ -15,7 +15,16 @@ from skillcli.execution.identify.knobs import Knobs
 from skillcli.execution.identify.model import Meaning, Model, Parameters
 from skillcli.execution.identify.noise import white_noise
 from skillcli.execution.identify.result import Errors, Estimate, Identified
-from skillcli.execution.identify.windows import HALF_SECOND, Windows, held_out, how_held_out, in_steps, short_windows, stretches
+from skillcli.execution.identify.windows import (
+    HALF_SECOND,
+    RUN_IN,
+    Windows,
+    held_out,
+    how_held_out,
+    in_steps,
+    short_windows,
+    stretches,
+)
 from skillcli.execution.log import Log
 from skillcli.progress import OnProgress, Progress, silent
 from skillcli.robots.robot import Robot
@@ -48,33 +57,33 @@ def identify(log: Log, robot: Robot, action_limit: float, on_progress: OnProgres
         on_progress(Progress("identify", done, STAGES, "parts", note=what))
 
     period = _whole(log.period)
-    model = Model(log, Replay(robot, period, action_limit, TIMESTEP, threads))
+    models = structure.readings(log, Replay(robot, period, action_limit, TIMESTEP, threads))
     held, everything = held_out(log), np.ones(len(log.stamps), dtype=bool)
     half = in_steps(HALF_SECOND, log.period)
     short = short_windows(log, half, ~held)
-    judged = short_windows(log, half, held), short_windows(log, 1, held)
-    if not all(len(windows.first) for windows in (short, *judged)):
+    if not len(short.first) or not len(short_windows(log, half, held, in_steps(RUN_IN, log.period)).first):
         raise UsageError("the log is too short to fit and to check the fit", "record at least three seconds in one episode")
-    tell(0, "meaning and latency of the commands")
+    tell(0, "unit, meaning and latency of the commands")
     meanings = (Meaning.ADDED, Meaning.RESTARTED) if log.increments else (Meaning.TARGETS,)
     names = ("command_response",) if log.increments else ("gain",)
-    best = structure.compare(model, short, meanings, Knobs(names, log.joints))[0]
+    best = structure.compare(models, short, meanings, Knobs(names, log.joints))[0]
+    model = best.model
     tell(1, "how the joints follow")
-    found, late = _fitted(model, best, ~held)
+    found, late = _fitted(best, ~held)
     tell(2, "prediction of held-out parts")
-    nominal = meanings[0]
+    nominal, run_in = meanings[0], 0 if best.meaning is Meaning.RESTARTED else in_steps(RUN_IN, log.period)
     errors = [
         Errors(
             nominal=_rms(model, windows, nominal, {}),
             fitted=_rms(model, windows, best.meaning, found.parameters),
-            unmoved=float(np.sqrt(np.square(model.measured(windows) - log.position[windows.first][:, None]).mean())),
+            unmoved=_root_mean_square(model.measured(windows) - log.position[windows.first + run_in][:, None], windows),
         )
-        for windows in judged
+        for windows in (short_windows(log, length, held, run_in) for length in (half, 1))
     ]
     kept = errors[0].fitted < errors[0].nominal
     if kept:
         tell(3, "the same on all of the log")
-        found, late = _fitted(model, best, everything, found)
+        found, late = _fitted(best, everything, found)
     tell(4, "zeros and tool")
     tool = fit_tool(ForwardKinematics(robot), log)
     parameters = _estimates(found, late, best.meaning) if kept else _nothing(log.joints, log.increments)
@@ -83,7 +92,7 @@ def identify(log: Log, robot: Robot, action_limit: float, on_progress: OnProgres
     tell(STAGES, "done")
     return Identified(
         parameters={**parameters, **_of_tool(tool)},
-        meaning=(best.meaning if kept else nominal).value,
+        meaning=_in_words(best.meaning if kept else nominal, best.unit),
         half_second=errors[0],
         one_step=errors[1],
         heldout_steps=int(held.sum()),
@@ -111,11 +120,9 @@ def _whole(period: float) -> float:
     return round(round(period / TIMESTEP) * TIMESTEP, 9)
 
 
-def _fitted(
-    model: Model, best: structure.Structure, wanted: Array, before: Fit | None = None
-) -> tuple[Fit, structure.Lateness]:
+def _fitted(best: structure.Structure, wanted: Array, before: Fit | None = None) -> tuple[Fit, structure.Lateness]:
     """Fit all that windows of the rows `wanted`, (T,) bool, tell: twice, since the first fit says how noisy the log is."""
-    log, meaning = model.log, best.meaning
+    model, log, meaning = best.model, best.model.log, best.meaning
     knobs = Knobs((*(("command_response",) if log.increments else ()), *DYNAMICS), log.joints)
     windows = _windows(log, meaning, wanted)
     if before is None:
@@ -141,8 +148,12 @@ def _windows(log: Log, meaning: Meaning, wanted: Array) -> Windows:
 
 
 def _rms(model: Model, windows: Windows, meaning: Meaning, parameters: Parameters) -> float:
-    off = model.predict(windows, meaning, [parameters])[0] - model.measured(windows)
-    return float(np.sqrt(np.square(off).mean()))
+    return _root_mean_square(model.predict(windows, meaning, [parameters])[0] - model.measured(windows), windows)
+
+
+def _root_mean_square(errors: Array, windows: Windows) -> float:
+    """Return the size of the errors (W, L, J) that count."""
+    return float(np.sqrt(np.square(errors[windows.counted]).mean()))
 
 
 def _estimates(found: Fit, late: structure.Lateness, meaning: Meaning) -> dict[str, Estimate]:
@@ -183,6 +194,10 @@ def _of_tool(tool: ToolFit | None) -> dict[str, Estimate]:
         "tool_offset": Estimate.of(tool.tool, *within(tool.tool, tool.tool_spread)),
         "position_noise": Estimate.of(tool.noise, tool.noise, tool.noise),
     }
+
+
+def _in_words(meaning: Meaning, unit: str) -> str:
+    return meaning.value if unit == "rad" else f"{meaning.value}, in {unit}"
 
 
 def _notes(kept: bool, tool: ToolFit | None) -> Sequence[str]:

@@ -27,7 +27,7 @@ PRIORS = {
     "joint_friction": Prior(0.7, True),
     "link_mass": Prior(0.25, True),
     "gravity_compensation": Prior(0.1, False),
-    "command_response": Prior(0.7, True),
+    "command_response": Prior(1.2, True),  # the scale of an action is a matter of convention
 }
 
 

@@ -1,9 +1,9 @@
-"""Find what no slope leads to: what the commands mean, and how late they take effect. Every possibility is tried."""
+"""Find what no slope leads to: unit and meaning of the commands, and how late they take effect. Every possibility is tried."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,9 +12,12 @@ from skillcli.execution.identify.fit import Fit, fit, prediction_errors
 from skillcli.execution.identify.knobs import Knobs
 from skillcli.execution.identify.model import Meaning, Model
 from skillcli.execution.identify.windows import Windows
+from skillcli.execution.log import Log
+from skillcli.simulation.replay import Replay
 from skillcli.trajectories import Array
 
 TRIED_STEPS = 300  # control steps on which possibilities are compared
+CLIPPED = 1.001  # action limits: larger increments cannot have been sent as they are
 COARSE = 3  # evaluations of each
 # A latency that is no whole number of control steps must predict better by this much, twice the logarithm of the likelihood:
 # most arms are late by whole steps, and a servo that is a little weaker looks like one that is a little later.
@@ -24,11 +27,34 @@ AS_GOOD = 3.84  # twice the logarithm of the likelihood within which 95 % of tru
 
 @dataclass(frozen=True)
 class Structure:
-    """One possibility, with how badly it predicts."""
+    """One possibility, with how badly it predicts.
 
+    Attributes:
+        model: the log in its unit, on simulated arms.
+        unit: of increments, in words.
+        meaning: of the commands.
+        latency: s.
+        misfit: smaller is better.
+    """
+
+    model: Model
+    unit: str
     meaning: Meaning
-    latency: float  # s
+    latency: float
     misfit: float
+
+
+def readings(log: Log, replay: Replay) -> dict[str, Model]:
+    """Return the log in every unit that its increments may have, by the unit in words.
+
+    Increments beyond the action limit were clipped before they were sent. They are in rad, or they are actions as a policy
+    gives them, in units of the action limit and clipped to ±1.
+    """
+    limit = replay.action_limit
+    models = {"rad": Model(log, replay)}
+    if log.increments and np.abs(log.sent).max() > CLIPPED * limit:
+        models[f"action limits of {limit:g} rad"] = Model(replace(log, sent=limit * log.sent), replay)
+    return models
 
 
 def whole_steps(period: float) -> list[float]:
@@ -36,11 +62,12 @@ def whole_steps(period: float) -> list[float]:
     return [k * period for k in range(int(MAX_LATENCY / period + 1e-9) + 1)]
 
 
-def compare(model: Model, windows: Windows, meanings: Sequence[Meaning], knobs: Knobs) -> list[Structure]:
-    """Try every meaning with every latency of whole control steps; the best first."""
+def compare(models: Mapping[str, Model], windows: Windows, meanings: Sequence[Meaning], knobs: Knobs) -> list[Structure]:
+    """Try every unit and meaning with every latency of whole control steps; the best first."""
     few = windows.thinned(TRIED_STEPS)
     tried = [
-        Structure(meaning, latency, fit(model, meaning, few, knobs, latency, evaluations=COARSE).misfit)
+        Structure(model, unit, meaning, latency, fit(model, meaning, few, knobs, latency, evaluations=COARSE).misfit)
+        for unit, model in models.items()
         for meaning in meanings
         for latency in whole_steps(model.log.period)
     ]

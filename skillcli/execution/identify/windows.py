@@ -73,11 +73,17 @@ def how_held_out(log: Log) -> str:
     return "every third episode" if len(log.starts) >= ENOUGH_EPISODES else "every fourth half second"
 
 
-def short_windows(log: Log, length: int, wanted: Array) -> Windows:
-    """Return windows of a length, one behind the other in each episode, all of whose predictions are `wanted`, (T,) bool."""
-    first = [row for rows in log.episodes for row in range(rows.start, rows.stop - length, length)]
+def short_windows(log: Log, length: int, wanted: Array, run_in: int = 0) -> Windows:
+    """Return windows of a length, one behind the other in each episode, all of whose predictions are `wanted`, (T,) bool.
+
+    With a run-in each begins so many control steps earlier, which do not count, and need not be wanted.
+    """
+    first = [
+        row for rows in log.episodes for row in range(rows.start, rows.stop - length, length) if row - run_in >= rows.start
+    ]
     kept = np.array([row for row in first if wanted[row + 1 : row + 1 + length].all()], dtype=int)
-    return Windows(kept, length, np.ones((len(kept), length), dtype=bool))
+    counted = np.repeat(np.arange(run_in + length)[None] >= run_in, len(kept), axis=0)
+    return Windows(kept - run_in, run_in + length, counted)
 
 
 def stretches(log: Log, wanted: Array) -> Windows:
