@@ -61,7 +61,7 @@ def identify(log: Log, robot: Robot, action_limit: float, on_progress: OnProgres
     held, everything = held_out(log), np.ones(len(log.stamps), dtype=bool)
     half = in_steps(HALF_SECOND, log.period)
     short = short_windows(log, half, ~held)
-    if not len(short.first) or not len(short_windows(log, half, held, in_steps(RUN_IN, log.period)).first):
+    if not len(short.first) or not len(short_windows(log, half, held).first):
         raise UsageError("the log is too short to fit and to check the fit", "record at least three seconds in one episode")
     tell(0, "unit, meaning and latency of the commands")
     meanings = (Meaning.ADDED, Meaning.RESTARTED) if log.increments else (Meaning.TARGETS,)
@@ -71,7 +71,9 @@ def identify(log: Log, robot: Robot, action_limit: float, on_progress: OnProgres
     tell(1, "how the joints follow")
     found, late = _fitted(best, ~held)
     tell(2, "prediction of held-out parts")
-    nominal, run_in = meanings[0], 0 if best.meaning is Meaning.RESTARTED else in_steps(RUN_IN, log.period)
+    nominal, run_in = meanings[0], in_steps(RUN_IN, log.period)
+    if best.meaning is Meaning.RESTARTED or not len(short_windows(log, half, held, run_in).first):
+        run_in = 0
     errors = [
         Errors(
             nominal=_rms(model, windows, nominal, {}),
