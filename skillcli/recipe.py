@@ -28,6 +28,7 @@ from skillcli.errors import UsageError
 from skillcli.learning.settings import Embedding, Mixtures, Network, Training
 from skillcli.paths import LONGEST_PATH
 from skillcli.robots.config import DEFAULT_ROBOT, bundled_robots, describe_robot, is_path, start_of
+from skillcli.simulation.domains import find_domain
 from skillcli.simulation.settings import TaskSettings
 from skillcli.tasks.registry import find_task, load_task, ran_here, source_digest, task_names
 from skillcli.tasks.spec import TaskSpec
@@ -176,11 +177,23 @@ def resolve(content: Mapping[str, Any], overrides: Iterable[str] = (), by_hand: 
     merged: dict[str, Any] = copy.deepcopy(dict(content))
     for override in overrides:
         merged = _merge(merged, _override(override))
+    if by_hand:
+        _randomise_as_a_domain(merged)
     kind = _recipe_for(_settings_of(merged, by_hand))
     try:
         return kind.model_validate(merged)
     except ValidationError as error:
         raise UsageError(*_explained(error, kind)) from error
+
+
+def _randomise_as_a_domain(content: dict[str, Any]) -> None:
+    """Put the distributions of a domain in place of its name or file: `randomisation`, or beside others its key `domain`."""
+    given = content.get("randomisation")
+    if isinstance(given, str):
+        content["randomisation"] = Randomisation.sorted(find_domain(given).parameters)
+    elif isinstance(given, Mapping) and isinstance(given.get("domain"), str):
+        own = {key: item for key, item in given.items() if key != "domain"}
+        content["randomisation"] = _merge(Randomisation.sorted(find_domain(given["domain"]).parameters), own)
 
 
 def _settings_of(content: dict[str, Any], by_hand: bool) -> type[TaskSettings]:
@@ -315,6 +328,11 @@ def _beside(content: dict[str, Any], folder: Path) -> None:
         content["robot"] = str(folder / robot)
     if isinstance(given, dict) and isinstance(path := given.get("module"), str) and path:
         given["module"] = str(folder / path)
+    domain = content.get("randomisation")
+    if isinstance(domain, str) and domain.endswith(".toml"):
+        content["randomisation"] = str(folder / domain)
+    elif isinstance(domain, dict) and isinstance(path := domain.get("domain"), str) and path.endswith(".toml"):
+        domain["domain"] = str(folder / path)
 
 
 def _merge(base: dict[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:

@@ -170,6 +170,28 @@ def test_randomisation_is_read_from_a_file_and_replaced_one_by_one(tmp_path: Pat
     assert resolve(found.model_dump(mode="json")) == found
 
 
+def test_randomisation_may_be_that_of_a_domain(tmp_path: Path) -> None:
+    (tmp_path / "arm.toml").write_text(
+        'name = "arm"\n[parameters]\ngain = 1.1\nlatency = 0.05\nstart_offset = 0.01\njoint_noise = 0.002\n'
+    )
+    whole = load_recipe("push-robust", [f"randomisation={tmp_path / 'arm.toml'}"]).randomisation
+    assert (whole.dynamics, whole.starts) == ({"gain": one_of(1.1)}, {"start_offset": one_of(0.01)})
+    assert whole.sensing == {"latency": one_of(0.05), "joint_noise": one_of(0.002)}
+    assert resolve(load_recipe("reach", ["randomisation=mild"]).model_dump(mode="json")).randomisation.ranges[
+        "gain"
+    ] == uniform(0.95, 1.05)
+    (tmp_path / "mine.toml").write_text(
+        'name = "mine"\n[task]\nname = "reach"\n[randomisation]\ndomain = "arm.toml"\nsensing_span = [0.1, 0.2]\n'
+        "[randomisation.dynamics]\ngain = 2.0\n"
+    )
+    beside = load_recipe(str(tmp_path / "mine.toml")).randomisation
+    assert beside.dynamics == {"gain": one_of(2.0)} and beside.sensing == whole.sensing and beside.sensing_span == (0.1, 0.2)
+    with pytest.raises(UsageError, match="no domain 'milder'"):
+        load_recipe("reach", ["randomisation=milder"])
+    with pytest.raises(UsageError, match="randomisation"):  # an artifact opens no file
+        resolve({"name": "mine", "task": {"name": "reach"}, "randomisation": str(tmp_path / "arm.toml")})
+
+
 def test_a_range_can_be_replaced_by_one_of_another_kind() -> None:
     ranges = load_recipe("push-robust", ["randomisation.dynamics.gain={log_uniform=[0.5, 2.0]}"]).randomisation.ranges
     assert ranges["gain"] == log_uniform(0.5, 2.0)

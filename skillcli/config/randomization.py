@@ -7,6 +7,7 @@ Training draws from such distributions to become robust, transfer draws from the
     latency = { one_of = [0.0, 0.05] }
     joint_noise = 0.005
     joint_offset = { values = [0.01, 0, 0, -0.02, 0, 0, 0] }
+    gain = { low = [0.8, 0.9, 0.7, 0.9, 0.9, 0.6, 0.8], high = [0.9, 1.1, 1.1, 1.0, 1.2, 0.9, 1.3] }
 """
 
 from __future__ import annotations
@@ -56,6 +57,12 @@ PARAMETERS: dict[str, Parameter] = {
     "joint_damping": Parameter(PER_JOINT, "factor", "viscous damping of each joint", 0, 1000),
     "joint_friction": Parameter(PER_JOINT, "factor", "dry friction of each joint", 0, 1000),
     "gain": Parameter(PER_JOINT, "factor", "stiffness of each servo, its damping with it", 0, 1000),
+    "command_response": Parameter(
+        PER_JOINT, "factor", "share of each commanded increment, after clipping, by which the command moves", 0, 10
+    ),
+    "command_restart": Parameter(
+        1, "share", "0: increments add to the command, 1: to the joint angle as it is, as controllers do that forget", 0, 1
+    ),
     "contact_friction": Parameter(1, "factor", "sliding friction of table, box and finger", 0, 100),
     "table_height": Parameter(1, "m", "offset of the table top", -0.2, 0.2),
     "table_tilt": Parameter(2, "rad", "rotation of the table about the middle of its top, about x and y", -0.2, 0.2),
@@ -94,11 +101,16 @@ NEEDS = {
     "object_push": ("push_rate",),
     "push_rate": ("arm_push", "object_push"),
 }
+STARTS = ("start_offset", "object_offset")  # of where an episode begins
+SENSING = (
+    "latency", "control_jitter", "observation_latency", "joint_noise", "position_noise", "joint_drift", "position_drift",
+    "drift_time", "joint_offset", "position_offset",
+)  # fmt: skip
 # Parameters that are random during an episode, if they are not zero.
 BY_CHANCE = ("control_jitter", "joint_noise", "position_noise", "joint_drift", "position_drift", "push_rate")
 # Parameters that only describe how or how often another one acts.
 MANNERS = {others[0] for others in NEEDS.values() if len(others) == 1}
-RANGE_KEYS = {"uniform", "log_uniform", "one_of", "kind", "values"}  # keys of a range, as written and as stored
+RANGE_KEYS = {"uniform", "log_uniform", "one_of", "kind", "values", "low", "high"}  # keys of a range, as written and as stored
 IDENTITY = {name: 1.0 if parameter.unit == "factor" else 0.0 for name, parameter in PARAMETERS.items()}
 
 
@@ -107,8 +119,8 @@ class Distribution(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    kind: Literal["uniform", "log_uniform", "one_of", "fixed"]
-    values: tuple[Annotated[float, Strict()], ...]
+    kind: Literal["uniform", "log_uniform", "one_of", "fixed", "between"]
+    values: tuple[Annotated[float, Strict()], ...]  # of `between` first the lowest of each joint or axis, then the highest
 
     @model_validator(mode="before")
     @classmethod
@@ -120,11 +132,16 @@ class Distribution(BaseModel):
             return {"kind": kind, "values": values}
         if isinstance(given, Mapping) and set(given) == {"values"}:
             return {"kind": "fixed", **given}
+        if isinstance(given, Mapping) and set(given) == {"low", "high"}:
+            low, high = given["low"], given["high"]
+            if not isinstance(low, list | tuple) or not isinstance(high, list | tuple) or len(low) != len(high):
+                raise ValueError("low and high are two lists of the same length, one value for each joint or axis")
+            return {"kind": "between", "values": (*low, *high)}
         if (isinstance(given, Mapping) and set(given) == {"kind", "values"}) or isinstance(given, Distribution):
             return given
         raise ValueError(
             "expected a number, or one of {uniform = [low, high]}, {log_uniform = [low, high]}, {one_of = [...]},"
-            " {values = [one for each joint or axis]}"
+            " {values = [one for each joint or axis]}, {low = [one for each], high = [one for each]}"
         )
 
     @model_validator(mode="after")
@@ -135,12 +152,27 @@ class Distribution(BaseModel):
             raise ValueError(f"{self.kind} takes [low, high] with low <= high, got {list(self.values)}")
         if self.kind == "log_uniform" and self.values[0] <= 0:
             raise ValueError(f"log_uniform needs positive bounds, got {list(self.values)}")
+        if self.kind == "between" and (len(self.values) % 2 or np.greater(*self._ends).any()):
+            raise ValueError(f"every value of low is at most that of high, got {list(self.values)}")
         return self
+
+    @property
+    def _ends(self) -> tuple[Array, Array]:
+        """Return the lowest and the highest value of each joint or axis, of `between`."""
+        half = len(self.values) // 2
+        return np.array(self.values[:half]), np.array(self.values[half:])
+
+    @property
+    def width(self) -> int | None:
+        """Return for how many joints or axes there are values, None if for any number."""
+        return {"fixed": len(self.values), "between": len(self.values) // 2}.get(self.kind)
 
     def draw(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
         """Draw values of the given shape; fixed ones along its last axis."""
         if self.kind == "fixed":
             return np.broadcast_to(np.array(self.values), shape).copy()
+        if self.kind == "between":
+            return rng.uniform(*self._ends, shape)
         if self.kind == "one_of":
             drawn: Array = rng.choice(np.array(self.values), shape)
             return drawn
@@ -153,6 +185,8 @@ class Distribution(BaseModel):
     @property
     def constant(self) -> bool:
         """Return whether every draw is the same."""
+        if self.kind == "between":
+            return bool(np.equal(*self._ends).all())
         return self.kind == "fixed" or len(set(self.values)) == 1
 
     def quantile(self, share: Array) -> Array:
@@ -162,6 +196,10 @@ class Distribution(BaseModel):
         """
         if self.kind == "fixed":
             return np.broadcast_to(np.array(self.values), share.shape).copy()
+        if self.kind == "between":
+            lowest, highest = self._ends
+            between: Array = lowest + share * (highest - lowest)
+            return between
         if self.kind == "one_of":
             chosen: Array = np.array(self.values)[(share * len(self.values)).astype(int)]
             return chosen
@@ -175,6 +213,8 @@ class Distribution(BaseModel):
         """Describe the distribution briefly."""
         if self.kind == "fixed":
             return ", ".join(f"{value:g}" for value in self.values)
+        if self.kind == "between":
+            return ", ".join(f"{low:g} .. {high:g}" for low, high in zip(*self._ends, strict=True))
         if self.kind != "one_of":
             return f"{self.values[0]:g} .. {self.values[1]:g}" + (" (log)" if self.kind == "log_uniform" else "")
         return " or ".join(f"{value:g}" for value in self.values)
@@ -204,8 +244,8 @@ def _check(name: str, given: Distribution) -> None:
     if outside:
         told = "as a factor" if unit == "factor" else unit
         raise ValueError(f"{name} must lie between {low:g} and {high:g} {told}, got {outside[0]:g}")
-    if given.kind == "fixed" and size != PER_JOINT and len(given.values) != size:
-        raise ValueError(f"{name} has {size} values in each episode, got {len(given.values)}")
+    if given.width is not None and size != PER_JOINT and given.width != size:
+        raise ValueError(f"{name} has {size} values in each episode, got {given.width}")
 
 
 Distributions = Annotated[dict[str, Distribution], AfterValidator(_known)]
@@ -218,9 +258,9 @@ def _size(name: str, values: Distribution, joints: int) -> int:
         UsageError: there are fixed values, but not one for each joint.
     """
     size = PARAMETERS[name].size or joints
-    if values.kind == "fixed" and len(values.values) != size:
+    if values.width is not None and values.width != size:
         raise UsageError(
-            f"{name} has {len(values.values)} values, the arm {size} joints", "give one value for each joint, from the base on"
+            f"{name} has {values.width} values, the arm {size} joints", "give one value for each joint, from the base on"
         )
     return size
 
@@ -305,6 +345,14 @@ class Randomisation(Section):
         for span in (self.starts_span, self.sensing_span):
             check_span(span)
         return self
+
+    @staticmethod
+    def sorted(ranges: Mapping[str, Distribution]) -> dict[str, dict[str, Distribution]]:
+        """Return the sections `dynamics`, `starts` and `sensing` with the distributions of a domain."""
+        parts: dict[str, dict[str, Distribution]] = {"dynamics": {}, "starts": {}, "sensing": {}}
+        for name, values in ranges.items():
+            parts["starts" if name in STARTS else "sensing" if name in SENSING else "dynamics"][name] = values
+        return parts
 
     @property
     def ranges(self) -> Distributions:

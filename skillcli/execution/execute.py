@@ -19,7 +19,7 @@ from skillcli.execution.clock import Ticks, Watchdog, urgent
 from skillcli.execution.driver import Driver, DriverError, Resettable
 from skillcli.execution.filter import Limits, SafetyFilter, Stop
 from skillcli.execution.home import move_home
-from skillcli.execution.log import EpisodeLog
+from skillcli.execution.episode_log import EpisodeLog
 from skillcli.execution.loop import Arm, fresh_reading
 from skillcli.execution.observed import ObservedArm
 from skillcli.simulation.foresight import Foresight

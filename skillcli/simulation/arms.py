@@ -110,6 +110,8 @@ class ArmBatch:
         self.active: Array | None = None  # ids of the simulations to step; None for all
         self._perturbed: set[str] = set()  # model fields that differ between simulations
         self._history = ActuatorHistory(self.batch, servos, substeps)
+        self._response: Array | None = None  # (N, J) share of an increment that moves the command; None: all of it
+        self._restart: Array | None = None  # (N, 1) share of the lead that a command forgets; None: nothing
         self.noted: Stretch | None = None  # control steps that somebody wants to do again
 
     @property
@@ -219,6 +221,9 @@ class ArmBatch:
     def step(self, increment: Array, latency: Array | None = None) -> Array:
         """Add increments (N, J) rad to the commands and advance by one control step.
 
+        A robot may follow a share of an increment only (`command_response`), or add it to the joint angle instead of the
+        command (`command_restart`).
+
         Args:
             increment: of each joint's command.
             latency: (N,) physics steps of this control step during which the previous commands still hold.
@@ -229,8 +234,13 @@ class ArmBatch:
             takes its target along.
         """
         increment = np.clip(increment, -self.action_limit, self.action_limit)
-        target = next_target(self._ctrl, increment, self.joint_position, self._low, self._high, self.MAX_TRACKING_ERROR)
-        moved: Array = np.where(target == self._ctrl + increment, increment, target - self._ctrl)
+        measured, commanded = self.joint_position, self._ctrl
+        if self._response is not None:
+            increment = increment * self._response
+        begin = commanded if self._restart is None else commanded - self._restart * (commanded - measured)
+        target = next_target(begin, increment, measured, self._low, self._high, self.MAX_TRACKING_ERROR)
+        as_asked = target == commanded + increment if self._restart is None else np.False_
+        moved: Array = np.where(as_asked, increment, target - commanded)
         if self.noted is not None:
             self.noted.note(self.batch.state, target)
         done = 0
@@ -264,6 +274,8 @@ class ArmBatch:
         Args:
             parameters: (N,) or (N, n) by name; absent ones are as in the model. Start and sensors are not handled here.
         """
+        self._response = _unless(1.0, parameters.get("command_response"))
+        self._restart = _unless(0.0, parameters.get("command_restart"))
         batch, model = self.batch, self.model
         dofs = np.array([model.joint(name).dofadr[0] for name in self.names.joints])
         links = np.array([model.joint(name).bodyid[0] for name in self.names.joints])
@@ -352,6 +364,13 @@ class ArmBatch:
             return np.zeros(self.num_envs, dtype=bool)
         broken: Array = ~((np.abs(qpos).max(axis=1) < _FARTHEST) & (np.abs(qvel).max(axis=1) < _FASTEST))
         return broken
+
+
+def _unless(neutral: float, values: Array | None) -> Array | None:
+    """Return values (N,) or (N, J) with one column for each joint or for all, None where all are neutral."""
+    if values is None or (values == neutral).all():
+        return None
+    return values.reshape(len(values), -1)
 
 
 class ActuatorHistory:

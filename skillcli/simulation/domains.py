@@ -24,7 +24,7 @@ from skillcli.paths import expanded
 
 PRESETS = (
     "nominal", "random-starts", "mild", "real-like", "peng", "dactyl",
-    "latency-40", "latency-80", "low-friction", "high-friction", "weak-gains",
+    "latency-40", "latency-80", "low-friction", "high-friction", "weak-gains", "sawyer-recorded",
 )  # fmt: skip
 _FOLDER = Path(__file__).parent / "presets"
 _HELP = "docs/domains.md says how to write one; `skill domains real-like` shows an example"

@@ -21,6 +21,7 @@ from skillcli.config.randomization import (
     latin_hypercube,
     sample,
 )
+from skillcli.errors import UsageError
 
 READER: TypeAdapter[dict[str, Distribution]] = TypeAdapter(Distributions)
 
@@ -53,6 +54,11 @@ def rng(seed: int = 0) -> np.random.Generator:
             Distribution(kind="fixed", values=(1, 2, 3, 4, 5, 6, 7)),
             "1, 2, 3, 4, 5, 6, 7",
         ),
+        (
+            "gain = { low = [1, 2, 3, 4, 5, 6, 7], high = [1, 3, 4, 5, 6, 7, 8.5] }",
+            Distribution(kind="between", values=(1, 2, 3, 4, 5, 6, 7, 1, 3, 4, 5, 6, 7, 8.5)),
+            "1 .. 1, 2 .. 3, 3 .. 4, 4 .. 5, 5 .. 6, 6 .. 7, 7 .. 8.5",
+        ),
         ("gain = { kind = 'uniform', values = [0.6, 1.4] }", uniform(0.6, 1.4), "0.6 .. 1.4"),
     ],
 )
@@ -77,6 +83,11 @@ def test_every_way_to_write_a_range_is_read_stored_and_told(toml: str, expected:
         ("gain = { uniform = [1.4, 0.6] }", r"uniform takes \[low, high\] with low <= high, got \[1.4, 0.6\]"),
         ("gain = { uniform = [0.6] }", r"uniform takes \[low, high\]"),
         ("gain = { uniform = [0.6, 1.0, 1.4] }", r"uniform takes \[low, high\]"),
+        ("gain = { low = [1, 1], high = [2] }", "two lists of the same length"),
+        ("gain = { low = 1, high = 2 }", "two lists of the same length"),
+        ("gain = { low = [1, 3], high = [2, 2] }", "every value of low is at most that of high"),
+        ("gain = { low = [1, 2] }", "expected a number, or one of"),
+        ("table_tilt = { low = [0, 0, 0], high = [0, 0, 0] }", "table_tilt has 2 values in each episode, got 3"),
         ("gain = { log_uniform = [0.0, 1.4] }", "log_uniform needs positive bounds"),
         ("gain = { one_of = [] }", "no values"),
         ("gain = nan", "finite"),
@@ -152,7 +163,7 @@ def test_every_parameter_has_a_size_a_unit_a_meaning_and_a_neutral_value() -> No
     assert IDENTITY.keys() == PARAMETERS.keys()
     for name, parameter in PARAMETERS.items():
         assert parameter.size in (PER_JOINT, 1, 2, 3) and parameter.meaning
-        assert parameter.unit in ("factor", "m", "rad", "s", "1/s", "N s")
+        assert parameter.unit in ("factor", "m", "rad", "s", "1/s", "N s", "share")
         assert IDENTITY[name] == (1 if parameter.unit == "factor" else 0)
         assert parameter.low <= IDENTITY[name] <= parameter.high
 
@@ -161,6 +172,18 @@ def test_fixed_values_are_those_of_each_joint_in_every_episode() -> None:
     values = Distribution(kind="fixed", values=(1, 2, 3, 4, 5, 6, 7))
     assert sample({"gain": values}, 2, rng(), JOINTS)["gain"].tolist() == [[1, 2, 3, 4, 5, 6, 7]] * 2
     assert sample({"latency": Distribution(kind="fixed", values=(0.1,))}, 3, rng(), JOINTS)["latency"].tolist() == [0.1] * 3
+
+
+def test_between_is_a_range_of_its_own_for_each_joint() -> None:
+    values = Distribution(kind="between", values=(1, 2, 3, 4, 5, 6, 7, 1, 2.5, 4, 5, 6, 7, 9))
+    drawn = sample({"gain": values}, 500, rng(), JOINTS)["gain"]
+    np.testing.assert_allclose(drawn.min(axis=0), [1, 2, 3, 4, 5, 6, 7], atol=0.02)
+    np.testing.assert_allclose(drawn.max(axis=0), [1, 2.5, 4, 5, 6, 7, 9], atol=0.02)
+    filled = latin_hypercube({"gain": values}, 4, rng(), JOINTS)["gain"]
+    assert filled[:, 0].tolist() == [1] * 4 and (np.sort(filled[:, 6]) // 0.5).tolist() == [14, 15, 16, 17]
+    assert not values.constant and Distribution(kind="between", values=(1, 2, 1, 2)).constant
+    with pytest.raises(UsageError, match="gain has 7 values, the arm 6 joints"):
+        sample({"gain": values}, 1, rng(), 6)
 
 
 def test_only_one_value_is_drawn_where_low_is_high() -> None:

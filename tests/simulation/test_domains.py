@@ -205,3 +205,30 @@ def test_a_slippery_table_changes_what_dragging_the_finger_does() -> None:
             path.append(env.arms.joint_position[0].copy())
         paths.append(np.array(path))
     assert np.abs(paths[0] - paths[1]).max() > 0.01
+
+
+def test_a_command_that_restarts_is_the_joint_angle_plus_the_increment() -> None:
+    env = reach_env(TASK, 4)
+    env.randomize({"command_restart": np.array([0.0, 0.5, 1.0, 1.0]), "latency": np.zeros(4)}, rng())
+    env.reset(np.arange(4), np.zeros(4, dtype=np.int64))
+    action = np.tile([0.5, 0, 0, 0, 0, 0, 1.0], (4, 1))
+    for _ in range(5):
+        measured, before = env.arms.joint_position.copy(), env.arms.commanded.copy()
+        env.step(action)
+        lead = before - measured
+        expected = measured + 0.04 * action + np.array([1.0, 0.5, 0.0, 0.0])[:, None] * lead
+        np.testing.assert_allclose(env.arms.commanded, expected, atol=1e-12)
+        np.testing.assert_allclose(env.applied, expected - before, atol=1e-12, err_msg="what is stored adds up to the command")
+    went = env.arms.joint_position[:, 6] - env.arms.joint_position[0, 6]
+    assert went[2] < went[1] < went[0] == 0 and went[2] == went[3], "it goes a part of the way that was asked for"
+
+
+def test_a_command_moves_by_its_response_of_the_clipped_increment() -> None:
+    env = reach_env(TASK, 2)
+    env.randomize({"command_response": np.array([np.ones(7), np.linspace(0.2, 1.4, 7)])}, rng())
+    env.reset(np.arange(2), np.zeros(2, dtype=np.int64))
+    before = env.arms.commanded.copy()
+    env.step(np.full((2, 7), 3.0))
+    moved = 0.04 * np.array([np.ones(7), np.linspace(0.2, 1.4, 7)])
+    np.testing.assert_allclose(env.arms.commanded - before, moved, atol=1e-12)
+    np.testing.assert_allclose(env.applied, moved, atol=1e-12)

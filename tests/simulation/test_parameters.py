@@ -18,7 +18,7 @@ CHANGED = {
     "latency": 0.05, "control_jitter": 0.05, "observation_latency": 0.07, "drift_time": 1.0, "table_height": 0.005,
     "table_tilt": 0.02, "joint_noise": 0.01, "position_noise": 0.01, "joint_drift": 0.01, "position_drift": 0.01,
     "joint_offset": 0.02, "position_offset": 0.01, "push_rate": 10.0, "arm_push": 2.0, "object_push": 0.02,
-    "start_offset": 0.02, "object_offset": 0.02,
+    "command_restart": 0.5, "start_offset": 0.02, "object_offset": 0.02,
 }  # fmt: skip
 # A box that is knocked about feels friction, mass and size; drift feels its time.
 BUSY = {"push_rate": 20.0, "object_push": 0.05, "joint_drift": 0.001, "drift_time": 0.1}
