@@ -20,7 +20,7 @@ from skillcli.config.base import value
 from skillcli.errors import UsageError
 from skillcli.execution.driver import DriverError, JointState
 from skillcli.execution.drivers.readings import Poller, VelocityEstimator, lost, not_connected, within
-from skillcli.execution.drivers.settings import ArmSettings, check_length, read_settings
+from skillcli.execution.drivers.settings import NamedSettings, check_length, read_settings
 from skillcli.paths import expanded
 from skillcli.robots.robot import Robot
 from skillcli.trajectories import Array
@@ -35,7 +35,7 @@ Unit = Literal["degrees", "radians", "normalised"]
 Range = tuple[float, float]
 
 
-class LerobotSettings(ArmSettings):
+class LerobotSettings(NamedSettings):
     """Settings of the driver; docs/driver-lerobot.md explains them."""
 
     factory: str = value(

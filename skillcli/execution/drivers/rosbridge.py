@@ -19,7 +19,7 @@ from skillcli.config.base import Section, value
 from skillcli.errors import UsageError
 from skillcli.execution.driver import DriverError, JointState
 from skillcli.execution.drivers.readings import RemoteClock, VelocityEstimator, not_connected
-from skillcli.execution.drivers.settings import ArmSettings, read_settings
+from skillcli.execution.drivers.settings import NamedSettings, read_settings
 from skillcli.robots.robot import Robot
 from skillcli.trajectories import Array
 
@@ -53,7 +53,7 @@ class Commands(Section):
     order: tuple[str, ...] = value((), "the arm's names in the order of a Float64MultiArray, if not that of `joints`", "")
 
 
-class RosbridgeSettings(ArmSettings):
+class RosbridgeSettings(NamedSettings):
     """Settings of the driver; docs/driver-rosbridge.md explains them."""
 
     host: str = value("127.0.0.1", "name or address of the machine that the rosbridge server runs on", "", min_length=1)

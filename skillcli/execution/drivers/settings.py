@@ -16,17 +16,20 @@ from skillcli.robots.robot import Robot
 class ArmSettings(Section):
     """Settings of a driver of a real arm."""
 
-    joints: tuple[str, ...] = value(
-        (), "what the arm calls its joints, in the order of the robot file; as that, if left out", ""
-    )
     timeout: float = value(5.0, "longest wait for the connection, then for the first reading", "s", gt=0, le=120)
+
+
+class NamedSettings(ArmSettings):
+    """Settings of a driver whose arm has names for its joints."""
+
+    joints: tuple[str, ...] = value((), "what the arm calls its joints, in the robot file's order; by default as that", "")
 
 
 Settings = TypeVar("Settings", bound=ArmSettings)
 
 
 def read_settings(kind: type[Settings], given: Mapping[str, object], driver: str, robot: Robot) -> Settings:
-    """Validate the settings of a driver, and fill in the names of the joints.
+    """Validate the settings of a driver, and fill in the names of the joints if the arm has some.
 
     Args:
         kind: what they are to be.
@@ -46,6 +49,8 @@ def read_settings(kind: type[Settings], given: Mapping[str, object], driver: str
             f"driver {driver}: {first.key}{first.entry}: {first.said}",
             f"keys: {', '.join(known)}; docs/driver-{driver}.md explains them",
         ) from None
+    if not isinstance(settings, NamedSettings):
+        return settings
     names = settings.joints or tuple(robot.description.joints)
     check_length("joints", names, driver, robot)
     if len(set(names)) != len(names):
