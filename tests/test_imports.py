@@ -40,6 +40,8 @@ ONLY_IN = {
     "rerun": ("viz/recording",),
     "torch": ("learning/", "seeding.py"),
     "mujoco": ("robots/", "simulation/", "tasks/", "viz/"),
+    "franky": ("execution/drivers/franka.py",),
+    "roslibpy": ("execution/drivers/rosbridge.py",),
 }
 
 
