@@ -17,9 +17,9 @@ from skillcli.evaluation.transfer_evaluator import NOMINAL, TransferEvaluator
 from skillcli.execution import checks
 from skillcli.execution.clock import Ticks, Watchdog, urgent
 from skillcli.execution.driver import Driver, DriverError, Resettable
+from skillcli.execution.episode_log import EpisodeLog
 from skillcli.execution.filter import Limits, SafetyFilter, Stop
 from skillcli.execution.home import move_home
-from skillcli.execution.episode_log import EpisodeLog
 from skillcli.execution.loop import Arm, fresh_reading
 from skillcli.execution.observed import ObservedArm
 from skillcli.simulation.foresight import Foresight

@@ -16,8 +16,8 @@ import numpy as np
 
 from skillcli.execution.clock import Ticks, Watchdog
 from skillcli.execution.driver import Driver, DriverError, JointState, ObjectPose, ObjectSource
-from skillcli.execution.filter import SafetyFilter, Stop
 from skillcli.execution.episode_log import EpisodeLog
+from skillcli.execution.filter import SafetyFilter, Stop
 from skillcli.execution.observed import ObservedArm
 from skillcli.simulation.environment import Step
 from skillcli.trajectories import Array

@@ -14,9 +14,9 @@ from skillcli.evaluation.episode_schedule import EpisodeSchedule
 from skillcli.evaluation.library import Library, open_library
 from skillcli.evaluation.transfer_results import count_violations, outcome
 from skillcli.execution.drivers import open_driver
+from skillcli.execution.episode_log import log_arrays
 from skillcli.execution.execute import Asked, Execution, Executor, p99
 from skillcli.execution.filter import LIMITED
-from skillcli.execution.episode_log import log_arrays
 from skillcli.kinds import EXECUTION
 from skillcli.kinds.execution import Deadlines, ExecutedArm, ExecutionMeasured, ExecutionResults, Stopped
 from skillcli.progress import OnProgress, Progress, silent
