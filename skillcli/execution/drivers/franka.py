@@ -43,7 +43,7 @@ class FrankaSettings(ArmSettings):
     host: str = value(..., "address of the arm's control unit", "", min_length=1)
     stiffness: Gains = value((600, 600, 600, 600, 250, 150, 50), "of each joint; those of libfranka's example", "N·m/rad")
     damping: Gains = value((50, 50, 50, 50, 30, 25, 15), "of each joint", "N·m·s/rad")
-    ramp: float = value(0.05, "in which the reference goes to a target, if the arm allows", "s", ge=0, le=0.5)
+    ramp: float = value(0.02, "in which the reference goes to a target, if the arm allows", "s", ge=0, le=0.5)
     realtime: bool = value(True, "whether to refuse a kernel without real-time scheduling", "")
     torque: float = value(20.0, "external torque at a joint that stops the arm", "N·m", gt=0, le=100)
     force: float = value(30.0, "external force at the hand that stops the arm", "N", gt=0, le=200)
