@@ -115,7 +115,7 @@ class Executor:
         schedule = self._once.in_turn(self._asked.episodes)
         patience = self._period / self.speed + self._patience
         try:
-            with Watchdog(self._driver.hold, patience) as watchdog, unhurried(), urgent():
+            with urgent(), unhurried(), Watchdog(self._driver.hold, patience) as watchdog:
                 guard = SafetyFilter(self.limits, self._period, self._foresight.touches, self.speed, self._patience)
                 arm = Arm(
                     self._driver, self._observed, guard, self._period, watchdog, self.speed, self._asked.share, stop_asked,

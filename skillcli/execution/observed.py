@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from skillcli.errors import UsageError
 from skillcli.execution.driver import JointState, ObjectPose
 from skillcli.simulation.arm_environment import ArmEnvironment
 from skillcli.tasks.world import World
@@ -19,16 +18,12 @@ class ObservedArm:
     """One simulation that is put where an arm is.
 
     Args:
-        world: the task, on the robot file of the arm.
-
-    Raises:
-        UsageError: the task has no arm.
+        world: a task with an arm, on the robot file of the arm.
     """
 
     def __init__(self, world: World) -> None:
-        env = world.make_env(1, threads=1) if world.spec.uses_robot else None
-        if not isinstance(env, ArmEnvironment):
-            raise UsageError(f"the {world.task.name} task has no arm to execute it", "execute a plan of reach or push")
+        env = world.make_env(1, threads=1)
+        assert isinstance(env, ArmEnvironment), "only tasks on an arm are executed"
         self.env = env
         self.has_object = "object_pose" in world.spec.environment().recorded
         self.start = env.arms.joint_position[0].copy()  # (J,) rad

@@ -81,6 +81,10 @@ def execute(
     store.check_writable(name or source_id.name)
     source = store.read(source_id)
     library, recipe = open_library(store, source), stored_recipe(source)
+    if not library.world.spec.uses_robot:
+        raise UsageError(
+            f"the {recipe.task.name} task has no arm to execute it", "give a plan of a task on an arm, such as reach"
+        )
     world = library.world if via.robot is None else library.world.on(via.robot)
     once = EpisodeSchedule.of(source, library)
     settings = _settings(via, library.recipe, seed)

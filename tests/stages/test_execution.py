@@ -43,7 +43,7 @@ TRIES = 4  # a machine that is busy with other tests stops an arm earlier, or le
 
 @pytest.fixture
 def store(tmp_path: Path) -> Path:
-    for name in ("reference-reach", "reference-push-robust"):
+    for name in ("reference-reach", "reference-push-robust", "reference-point"):
         shutil.copytree(SHIPPED / name, tmp_path / "artifacts" / name)
     return tmp_path / "artifacts"
 
@@ -232,6 +232,11 @@ def test_a_signal_holds_the_arm_and_keeps_what_was_executed(store: Path, number:
 def test_what_cannot_be_done_is_said_in_one_line(store: Path, words: tuple[str, ...], told: str) -> None:
     result = skill("--store", store, "execute", PLAN, *words, "--yes")
     assert result.code == 2 and told in result.err and "Traceback" not in result.err
+
+
+def test_a_task_without_an_arm_is_refused(store: Path) -> None:
+    result = skill("--store", store, "execute", "reference-point/compose-v1", "--yes")
+    assert result.code == 2 and "the point task has no arm" in result.err
 
 
 def test_wrong_settings_are_named(store: Path, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command import skill
+from command import CHAIN, skill
 from forked import MEGABYTES, SECONDS, End, forked
 from hostile import CASES, Case, Good
 from hostile.checkpoints import SETTINGS, place
@@ -20,7 +20,6 @@ from hostile.layout import Bytes, lookup3
 
 from skillcli.errors import StoreError
 from skillcli.evaluation.consistency import check_meaning
-from skillcli.kinds import KINDS
 from skillcli.store import ArtifactId, Store, import_file
 
 pytestmark = pytest.mark.slow
@@ -99,7 +98,7 @@ def test_a_hostile_file_is_refused_and_never_anything_else(store: Store, tmp_pat
     assert [problem for one in new for problem in store.verify(one)] == []
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", CHAIN)
 def test_what_the_forger_writes_unchanged_is_as_good_as_the_original(store: Store, tmp_path: Path, kind: str) -> None:
     copy = GOOD.forged(kind)
     copy.header["content_sha256"] = ""

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL
+from skillcli.kinds import COMPOSE, EMBED_MEANS, EXECUTION, PRETRAIN, TRANSFER_EVAL
 from skillcli.kinds.compose import ComposeResults
-from skillcli.kinds.transfer_eval import DomainResults
+from skillcli.kinds.outcome import Outcome
 from skillcli.metrics import angle_deg
 from skillcli.viz.report import paper
 from skillcli.viz.report.content import Number, Row, Table
@@ -39,6 +39,9 @@ def tables(material: Material) -> list[Table]:
             "Transfer to robots that differ",
             list(_transfer(material)),
             f"“holds” is said from {HOLDS:.0%} of the source's success on. Interval: Wilson, 95 %.",
+        ),
+        Table(
+            "Executed in real time", list(_executed(material)), "Distances as the arm's own sensors show them. Wilson, 95 %."
         ),
         Table("Interpolation", list(_interpolation(material)), "Error: fraction of the way against the latent's share."),
         Table("Training", list(_training(material)), "Of our own; the paper gives no counterpart."),
@@ -165,6 +168,18 @@ def _transfer(material: Material) -> Iterator[Row]:
         yield from _domains(one, paper.TRANSFER.get(one.scene.task, ""), str(parent))
 
 
+def _executed(material: Material) -> Iterator[Row]:
+    for one in material.find(EXECUTION):
+        found = EXECUTION.results_of(one.artifact)
+        median = found.final_distance_m.median
+        ended = "" if median is None else f", median {_cm(median)}"
+        text = f"{found.successes} of {found.episodes} ({_interval(found)}){ended}"
+        arm = found.driver if found.domain is None else f"{found.driver}, {found.domain}"
+        verdict = "" if found.stopped is None else f"stopped: {found.stopped.reason}"
+        what = f"{one.artifact.parents[0].id} on {found.robot.name} ({arm})"
+        yield Row(what, "", Number(text, one.id, "results.final_distance_m"), verdict)
+
+
 def _interpolation(material: Material) -> Iterator[Row]:
     for one in material.find(COMPOSE):
         for what, path in (
@@ -204,9 +219,9 @@ def _domains(one: Exhibit, theirs: str, what: str) -> Iterator[Row]:
         yield Row(f"{what} on {domain.name}", theirs, Number(text, one.id, f"results.domains[{index}]"), verdict)
 
 
-def _interval(domain: DomainResults) -> str:
-    low, high = domain.ci95
-    return "exact" if domain.deterministic else f"{100 * low:.0f}–{100 * high:.0f} %"
+def _interval(outcome: Outcome) -> str:
+    low, high = outcome.ci95
+    return "exact" if outcome.deterministic else f"{100 * low:.0f}–{100 * high:.0f} %"
 
 
 def _distance(what: str, theirs: float | None, one: Exhibit, path: Sequence[str | int], real: bool, told: str = "") -> Row:
