@@ -29,7 +29,7 @@ def logs(source: str, seed: int, increments: bool) -> tuple[list[Log], TargetRob
     rngs = [generator(seed, f"identify sensors {robot}") for robot in range(ROBOTS)]
     env = world.make_randomized_env(np.zeros(ROBOTS, dtype=np.int64), target.parameters, rngs, 1)
     rows, starts, steps, episode = [], [], 0, 0
-    while steps < STEPS:
+    while steps + int(plan.steps[episode % plan.episodes]) <= STEPS:
         env.reset(np.arange(ROBOTS), np.zeros(ROBOTS, dtype=np.int64))
         observation, which = env.observe(), episode % plan.episodes
         commanded = env.arms.commanded.copy()
