@@ -12,12 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command import TINY_SET, Result, files, made, skill
+from command import CHAIN, TINY_SET, Result, files, made, skill
 from worlds import SAWYER
 
 from skillcli.recipe import recipe_names
 from skillcli.simulation.domains import PRESETS
-from skillcli.store import STAGES
 from skillcli.tasks.registry import ROOMS as DESCRIPTIONS
 
 
@@ -86,7 +85,7 @@ def test_bad_input_ends_in_one_clear_line_and_leaves_the_store_as_it_was(
     assert files(chain) == before
 
 
-@pytest.mark.parametrize("kind", STAGES)
+@pytest.mark.parametrize("kind", CHAIN)
 def test_an_empty_store_says_how_to_fill_it(tmp_path: Path, kind: str) -> None:
     words = {"pretrain": "embed-means", "embed-means": "compose", "compose": "transfer-eval", "transfer-eval": "show"}
     check_failure(skill("--store", tmp_path / "none", "--json", words[kind]), 1, "there is no artifact", "skill ")
@@ -163,7 +162,7 @@ def test_ctrl_c_while_the_program_is_loading_is_one_line() -> None:
 
 def test_the_store_is_listed_shown_and_verified(chain: Path) -> None:
     listed = made("--store", chain, "ls")["artifacts"]
-    assert [one["id"] for one in listed] == [f"tiny/{stage}-v1" for stage in STAGES]
+    assert [one["id"] for one in listed] == [f"tiny/{stage}-v1" for stage in CHAIN]
     assert {"id", "kind", "created_utc", "bytes", "parents"} <= listed[0].keys()
     assert listed[1]["parents"] == ["tiny/pretrain-v1"]
     shown = made("--store", chain, "show", "tiny/compose")
@@ -186,7 +185,7 @@ def test_a_damaged_artifact_fails_verification_with_exit_code_1(copy: Path) -> N
 
 def test_removing_goes_from_the_end_of_the_chain(copy: Path) -> None:
     assert skill("--store", copy, "rm", "tiny/compose-v1").code == 1
-    for stage in reversed(STAGES):
+    for stage in reversed(CHAIN):
         assert made("--store", copy, "rm", f"tiny/{stage}-v1")["removed"] is True
     assert made("--store", copy, "ls")["artifacts"] == []
 
@@ -251,7 +250,7 @@ def test_finished_stages_are_used_again_until_an_input_changes(chain: Path, copy
     def reused(*changes: str) -> list[bool]:
         words = [word for change in changes for word in ("--set", change)]
         report = made("--store", copy, "run", "smoke", "--name", "tiny", *TINY_SET, *words)
-        return [report[stage]["reused"] for stage in STAGES]
+        return [report[stage]["reused"] for stage in CHAIN]
 
     assert reused() == [True] * 4
     assert files(copy) == files(chain)
@@ -259,7 +258,7 @@ def test_finished_stages_are_used_again_until_an_input_changes(chain: Path, copy
     assert reused("search.batch=3") == [True, True, False, False]
 
 
-@pytest.mark.parametrize("kind", STAGES)
+@pytest.mark.parametrize("kind", CHAIN)
 def test_every_kind_becomes_a_recording_and_a_figure(chain: Path, tmp_path: Path, kind: str) -> None:
     rrd, png = tmp_path / "a.rrd", tmp_path / "a.png"
     report = made("--store", chain, "viz", f"tiny/{kind}", "-o", rrd, "--png", png)

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command import Result, skill
+from command import CHAIN, Result, skill
 from rich.table import Table
 from rich.text import Text
 
 from skillcli.cli.terminal import Terminal
-from skillcli.store import STAGES, Artifact, ArtifactId, Draft, Store
+from skillcli.store import Artifact, ArtifactId, Draft, Store
 from skillcli.viz import figure_style
 
 EVIL = "\x1b]0;owned\x07\x1b[2J\x9b31m[/] [bold]:skull: $\\frac{$ `a` *b* | <b>\u202e\udc9b\r\b\x00 x"
@@ -38,7 +38,7 @@ def hostile(chain: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     store = Store(folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("skillcli.store.codec.package_versions", lambda: {EVIL: EVIL})
-        for stage in STAGES:
+        for stage in CHAIN:
             good = store.read(ArtifactId("tiny", stage, 1))
             parents = [ArtifactId("evil", parent.id.stage, 1) for parent in good.parents]
             store.write(_draft(good, parents))
@@ -65,7 +65,7 @@ def test_names_and_remarks_act_nowhere(hostile: Path, tmp_path: Path, monkeypatc
     for words in (["ls"], ["gc"], ["verify", "--all"], ["diff", "evil/pretrain", "tiny/pretrain"], ["export", "evil"]):
         check(skill("--store", hostile, *words), 0, 1)
         check(skill("--store", hostile, "--json", *words), 0, 1)
-    for stage in STAGES:
+    for stage in CHAIN:
         shown = check(skill("--store", hostile, "show", f"evil/{stage}-v1"))
         assert r"\x1b[2J" in shown.out and ":skull:" in shown.out and "[/] [bold]" in shown.out.replace("\n", " ")
         assert json.loads(check(skill("--store", hostile, "--json", "show", f"evil/{stage}-v1")).out)["command"] == EVIL

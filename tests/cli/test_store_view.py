@@ -10,11 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command import files, made, skill
+from command import CHAIN, files, made, skill
 
 from skillcli.cli import terminal_plots
 from skillcli.cli.terminal import Terminal
-from skillcli.store import STAGES
 
 GOLDEN = Path(__file__).parent.parent / "store" / "golden"
 
@@ -39,7 +38,7 @@ def test_ls_filters_by_kind_name_recipe_and_date(store: Path) -> None:
     everything = listed(store)
     assert len(everything) == 6
     assert listed(store, "--kind", "compose") == ["reference-point/compose-v1", "tiny/compose-v1"]
-    assert listed(store, "--name", "tiny", "--recipe", "smo*") == [f"tiny/{stage}-v1" for stage in STAGES]
+    assert listed(store, "--name", "tiny", "--recipe", "smo*") == [f"tiny/{stage}-v1" for stage in CHAIN]
     assert listed(store, "--recipe", "point") == ["reference-point/embed-means-v1", "reference-point/compose-v1"]
     dates = {one["id"]: one["created_utc"] for one in made("--store", store, "ls")["artifacts"]}
     second = dates[everything[1]]
@@ -61,7 +60,7 @@ def test_show_draws_recipe_curves_and_lineage(store: Path) -> None:
     shown = said(store, "show", "tiny/pretrain")
     assert "policy_hidden" in shown and "return" in shown and any(bar in shown for bar in "▁▂▃▄▅▆▇█")
     tree = said(store, "show", "tiny/transfer-eval")
-    assert all(f"tiny/{stage}-v1" in tree for stage in STAGES)
+    assert all(f"tiny/{stage}-v1" in tree for stage in CHAIN)
     facts = made("--store", store, "show", "tiny/compose")
     assert facts["lineage"] == ["tiny/embed-means-v1", "tiny/pretrain-v1"] and facts["schema_version"] == 2
     assert facts["dependents"] == ["tiny/transfer-eval-v1"] and facts["pinned"] is False
@@ -79,7 +78,7 @@ def test_a_sparkline_shows_the_course_of_a_curve() -> None:
 def test_verify_one_a_lineage_or_everything(store: Path) -> None:
     assert made("--store", store, "verify", "tiny/compose") == {"id": "tiny/compose-v1", "ok": True, "problems": []}
     found = made("--store", store, "verify", "tiny/transfer-eval", "--lineage")
-    assert [one["id"] for one in found["artifacts"]] == [f"tiny/{stage}-v1" for stage in reversed(STAGES)]
+    assert [one["id"] for one in found["artifacts"]] == [f"tiny/{stage}-v1" for stage in reversed(CHAIN)]
     path = store / "tiny" / "pretrain-v1.h5"
     data = bytearray(path.read_bytes())
     data[9000] ^= 1
@@ -141,7 +140,7 @@ def test_gc_shows_first_and_keeps_pins(store: Path) -> None:
 def test_export_and_import_move_a_chain(store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     sent = made("--store", store, "export", "tiny/transfer-eval")
-    assert sent["file"] == "tiny-transfer-eval-v1.tar" and sent["artifacts"] == [f"tiny/{stage}-v1" for stage in STAGES]
+    assert sent["file"] == "tiny-transfer-eval-v1.tar" and sent["artifacts"] == [f"tiny/{stage}-v1" for stage in CHAIN]
     got = made("--store", tmp_path / "other", "import", sent["file"])
     assert got["id"] == "tiny/transfer-eval-v1" and all(one["new"] for one in got["artifacts"])
     assert made("--store", tmp_path / "other", "verify", "--all")["ok"]
@@ -183,7 +182,7 @@ def complete(store: Path, *words: str) -> tuple[list[str], set[str]]:
 @pytest.mark.slow
 def test_the_shell_completes_ids_without_loading_anything_slow(store: Path) -> None:
     offered, slow = complete(store, "show", "ti")
-    assert sorted(offered) == sorted(f"tiny/{stage}-v1" for stage in STAGES) and not slow
+    assert sorted(offered) == sorted(f"tiny/{stage}-v1" for stage in CHAIN) and not slow
     assert complete(store, "viz", "reference-point/c")[0] == ["reference-point/compose-v1"]
     assert complete(store, "rm", '""')[0] in (["reference-point/", "tiny/"], [])
 

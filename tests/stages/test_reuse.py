@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from command import CHAIN
 from forge import forge
 
 from skillcli.recipe import Recipe, resolve
 from skillcli.stages.chain import Link, run_chain
-from skillcli.store import STAGES, Artifact, ArtifactId, Parent, Store
+from skillcli.store import Artifact, ArtifactId, Parent, Store
 
 pytestmark = pytest.mark.slow
 
@@ -46,7 +47,7 @@ def test_what_is_finished_is_used_again(finished: Path, tmp_path: Path) -> None:
     store = Store(shutil.copytree(finished, tmp_path / "artifacts"))
     again = ran(store)
     assert [link.reused for link in again] == [True] * 4
-    assert [str(link.artifact.id) for link in again] == [f"tiny/{stage}-v1" for stage in STAGES]
+    assert [str(link.artifact.id) for link in again] == [f"tiny/{stage}-v1" for stage in CHAIN]
 
 
 def test_a_training_that_claims_the_inputs_of_another_is_not_taken_for_it(finished: Path, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command import PLACES, made, skill
+from command import CHAIN, PLACES, made, skill
 from rich.console import Console
 from worlds import JOINTS, named_routes
 
@@ -25,7 +25,7 @@ from skillcli.recipe import load_recipe
 from skillcli.simulation.domains import find_domain
 from skillcli.stages.compose import Request, execute
 from skillcli.stages.pretrain import evaluate
-from skillcli.store import STAGES, Artifact, ArtifactId, Store
+from skillcli.store import Artifact, ArtifactId, Store
 from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.world import World
 from skillcli.trajectories import Array, Trajectories
@@ -50,7 +50,7 @@ def steps_of(artifact: Artifact) -> Array:
     return np.round(artifact.arrays["plan/seconds"] / 0.05).astype(int)
 
 
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", CHAIN)
 def test_every_artifact_of_a_push_is_whole_and_its_recording_agrees_with_itself(push_chain: Path, stage: str) -> None:
     artifact = read(push_chain, stage)
     assert Store(push_chain).verify(artifact.id) == []
