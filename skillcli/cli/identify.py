@@ -98,7 +98,7 @@ def _read(session: Session, source: str, robot: Robot, period: float | None) -> 
     arrays = {name.removeprefix(prefix): values for name, values in artifact.arrays.items() if name.startswith(prefix)}
     if not arrays:
         raise UsageError(f"{artifact.id} holds no trajectories", "give an execution, a transfer-eval, a compose, or a log file")
-    return log_of_trajectories(Trajectories(**arrays), joints, str(artifact.id))
+    return log_of_trajectories(Trajectories(**arrays), joints, str(artifact.id), artifact.arrays.get("execution/commanded"))
 
 
 def _sheet(found: Identified) -> Group:

@@ -163,8 +163,17 @@ def _parted(log: Log) -> Log:
     )
 
 
-def log_of_trajectories(trajectories: Trajectories, names: Sequence[str], what: str = "the recording") -> Log:
-    """Read the episodes of an artifact: its actions are what the commanded targets moved by.
+def log_of_trajectories(
+    trajectories: Trajectories, names: Sequence[str], what: str = "the recording", targets: Array | None = None
+) -> Log:
+    """Read the episodes of an artifact.
+
+    Args:
+        trajectories: E episodes.
+        names: of the joints.
+        what: it is called in errors.
+        targets: (E, T, J) rad, the targets that were sent; without them they are added up from the start, since the actions
+            of an artifact are what the targets moved by.
 
     Raises:
         UsageError: it is not of an arm, or of another one.
@@ -175,11 +184,14 @@ def log_of_trajectories(trajectories: Trajectories, names: Sequence[str], what: 
     parts = []
     for episode, length in enumerate(np.asarray(trajectories.length).astype(int)):
         position = np.asarray(angles[episode, : length + 1], dtype=float)
-        moved = np.cumsum(trajectories.action[episode, :length].astype(float), axis=0)
-        targets = position[0] + np.concatenate([moved, moved[-1:] if length else np.zeros((1, position.shape[1]))])
+        if targets is None:
+            sent = position[0] + np.cumsum(trajectories.action[episode, :length].astype(float), axis=0)
+        else:
+            sent = np.asarray(targets[episode, :length], dtype=float)
+        sent = np.concatenate([sent, sent[-1:] if length else position[:1]])
         gripper = trajectories.gripper_position
         place = np.zeros((length + 1, 0)) if gripper is None else np.asarray(gripper[episode, : length + 1], dtype=float)
-        parts.append((np.asarray(trajectories.time[: length + 1], dtype=float), position, targets, place))
+        parts.append((np.asarray(trajectories.time[: length + 1], dtype=float), position, sent, place))
     stamps, position, sent, place = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     log = Log(
         names=tuple(names),

@@ -70,7 +70,7 @@ def test_a_log_of_less_than_a_second_is_too_short(lengths: tuple[int, ...]) -> N
         checked(small_log(lengths) if lengths else small_log((0,)), "log x")
 
 
-def test_trajectories_are_read_up_to_the_length_of_each_episode_and_their_actions_add_up_to_targets() -> None:
+def test_trajectories_are_read_up_to_the_length_of_each_episode_and_targets_are_told_or_added_up_from_actions() -> None:
     steps = np.full((2, 30, 1), 0.01, dtype=np.float32)
     angles = np.tile(np.arange(31.0)[None, :, None] / 50, (2, 1, 1)) + np.array([0.0, 1.0])[:, None, None]
     trajectories = Trajectories(
@@ -82,5 +82,7 @@ def test_trajectories_are_read_up_to_the_length_of_each_episode_and_their_action
     assert log.starts == (0, 31) and len(log.stamps) == 34 and not log.increments
     np.testing.assert_allclose(log.sent[31:, 0], [1.01, 1.02, 1.02], atol=1e-6)
     np.testing.assert_allclose(log.position[31:, 0], [1, 1.02, 1.04])
+    told = log_of_trajectories(trajectories, ("a",), targets=np.full((2, 30, 1), 7.0))
+    assert (told.sent == 7).all(), "what was sent is not added up from a measured start"
     with pytest.raises(UsageError, match="holds no joint angles"):
         log_of_trajectories(Trajectories(**{**trajectories.arrays(), "joint_position": None}), ("a",))
