@@ -13,16 +13,17 @@ from typing import Any
 import h5py  # type: ignore[import-untyped,unused-ignore]
 import numpy as np
 import pytest
+from command import CHAIN
 
 from skillcli.errors import StoreError, UnknownArtifact
-from skillcli.store import STAGES, ArtifactId, Draft, Store, block, codec, container
+from skillcli.store import ArtifactId, Draft, Store, block, codec, container
 from skillcli.store.provenance import git_state
 from tests.store.test_gc import with_parents
 
 Make = Callable[..., Draft]
 
 
-@pytest.mark.parametrize("kind", STAGES)
+@pytest.mark.parametrize("kind", CHAIN)  # an execution: tests/stages/test_execution.py
 def test_what_is_written_is_read_back(store: Store, make: Make, kind: str) -> None:
     draft = make(kind, command="skill café \udcff")
     written = store.write(draft)
