@@ -60,8 +60,8 @@ def identify(
     from skillcli.execution.identify.domain_text import domain_name, domain_text
     from skillcli.execution.identify.identify import identify as fit
     from skillcli.execution.log_files import is_log_file
+    from skillcli.files import replacing
     from skillcli.robots.robot import load_robot
-    from skillcli.viz.files import replacing
 
     session: Session = context.obj
     if output.suffix != ".toml":

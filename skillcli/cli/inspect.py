@@ -46,7 +46,7 @@ def viz(
 ) -> None:
     """Write a rerun recording of any artifact: arm, goals, paths, latents, curves."""
     session: Session = context.obj
-    from skillcli.viz.files import FORMATS
+    from skillcli.viz.formats import FORMATS
 
     if output is not None and output.suffix.lower().removeprefix(".") in FORMATS:
         raise UsageError(f"{output} has the suffix of a figure, but -o writes a recording", f"for a figure: --png {output}")

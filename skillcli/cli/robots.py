@@ -70,8 +70,8 @@ def new(
     """Write a robot file for a model: find its arm, hand, servos and a start, and say what only a person can know."""
     from rich.text import Text
 
+    from skillcli.files import replacing
     from skillcli.robots.new_file import propose_robot
-    from skillcli.viz.files import replacing
 
     session: Session = context.obj
     file = output or Path(f"{Path(model.removeprefix('menagerie:')).stem}.toml")

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import importlib
-import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from skillcli.errors import SkillError, StoreError, UsageError
+from skillcli.errors import SkillError, UsageError
 from skillcli.evaluation.library import open_library
 from skillcli.execution.policy_ports import Port, Targets, inputs_of, outputs_of
+from skillcli.files import replacing
 from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN
-from skillcli.store import ArtifactId, Store, atomic
+from skillcli.store import ArtifactId, Store
 
 if TYPE_CHECKING:
     from skillcli.execution.parity import Parity
@@ -37,38 +35,34 @@ class Exported:
 
 
 def export_policy(store: Store, artifact_id: ArtifactId, path: Path) -> Exported:
-    """Write the policy of an artifact, with normaliser, action limit, targets and metadata, into a new ONNX file.
+    """Write the policy of an artifact, with normaliser, action limit, targets and metadata, into an ONNX file.
 
     Raises:
-        UsageError: the artifact has no policy, or the file is there already.
+        UsageError: the artifact has no policy.
         StoreError: the artifact cannot be read.
-        SkillError: the extra packages are missing, the disk refuses, or the file does not answer as the library does.
+        SkillError: the extra packages are missing, the disk refuses, or the file does not answer as the library does; a file
+            that was there is unchanged.
     """
     if artifact_id.stage not in EXPORTED:
         raise UsageError(f"{artifact_id} has no policy to export", f"give an artifact of kind {', '.join(EXPORTED)}")
     _check_installed()
-    path = path.absolute()
-    _check_place(path)
     from skillcli.execution.parity import expected, measure_parity
     from skillcli.execution.policy_graph import Weights, build_model
     from skillcli.execution.policy_metadata import describe_policy
     from skillcli.execution.policy_samples import Samples, random_samples, recorded_samples
 
-    artifact = store.read(artifact_id)
-    library = open_library(store, artifact)
-    world, targets = library.world, Targets.of(library.world)
-    inputs, outputs = inputs_of(library, targets), outputs_of(library, targets)
-    weights = Weights.of(library.agent, library.mean.shape[1])
-    metadata = describe_policy(library, artifact, weights, targets, inputs, outputs)
-    model = build_model(weights, world.task.action_scale, targets, inputs, outputs, metadata)
-    samples = Samples.join(
-        [
-            recorded_samples(library, artifact, targets, OBSERVATIONS),
-            random_samples(library, weights, targets, OBSERVATIONS),
-        ]
-    )
-    wanted = expected(library, targets, samples)
-    parity = _write(path, model.SerializeToString(), lambda written: measure_parity(written, samples, wanted))
+    with replacing(path) as (temporary,):
+        artifact = store.read(artifact_id)
+        library = open_library(store, artifact)
+        world, targets = library.world, Targets.of(library.world)
+        inputs, outputs = inputs_of(library, targets), outputs_of(library, targets)
+        weights = Weights.of(library.agent, library.mean.shape[1])
+        metadata = describe_policy(library, artifact, weights, targets, inputs, outputs)
+        model = build_model(weights, world.task.action_scale, targets, inputs, outputs, metadata)
+        temporary.write_bytes(model.SerializeToString())
+        recorded = recorded_samples(library, artifact, targets, OBSERVATIONS)
+        samples = Samples.join([recorded, random_samples(library, weights, targets, OBSERVATIONS)])
+        parity = measure_parity(temporary, samples, expected(library, targets, samples))
     robot = world.robot.name if world.spec.uses_robot else ""
     return Exported(path, robot, world.task.control_period, inputs, outputs, parity)
 
@@ -84,26 +78,3 @@ def _check_installed() -> None:
                 f"--onnx needs the packages {' and '.join(PACKAGES)}, and {package} is not installed",
                 "pip install 'skillcli[onnx]'",
             ) from error
-
-
-def _check_place(path: Path) -> None:
-    """Refuse before the work what cannot be written after it."""
-    if os.path.lexists(path):
-        raise UsageError(f"{path} is there already", "choose another name, or move it away")
-    with _refusals():
-        atomic.try_writing(path.parent)
-
-
-def _write(path: Path, data: bytes, check: Callable[[Path], Parity]) -> Parity:
-    """Write the file beside its name, check it there, and only then give it its name; else leave nothing."""
-    with _refusals():
-        return atomic.write_atomically(path, memoryview(data), check)
-
-
-@contextmanager
-def _refusals() -> Iterator[None]:
-    """Give advice for a single file where the disk refuses: that of a store names its own option."""
-    try:
-        yield
-    except StoreError as error:
-        raise SkillError(error.message, "choose another folder, or free some space") from error

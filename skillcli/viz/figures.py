@@ -19,12 +19,13 @@ from matplotlib.gridspec import GridSpec, SubplotSpec
 from matplotlib.lines import Line2D
 
 from skillcli.errors import UsageError
+from skillcli.files import replacing
 from skillcli.kinds import COMPOSE, EMBED_MEANS, EXECUTION, PRETRAIN, TRANSFER_EVAL, ByKind
 from skillcli.robots.robot import Robot
 from skillcli.trajectories import Array
 from skillcli.viz import motion, subplots_space, subplots_time, subplots_transfer
 from skillcli.viz.figure_style import blank, encoded, legend, mark, skill_handles, styled
-from skillcli.viz.files import FORMATS, replacing
+from skillcli.viz.formats import FORMATS
 from skillcli.viz.palette import BETWEEN, TARGET
 from skillcli.viz.paper_figures.robot import draw_robot
 from skillcli.viz.scene import Runs, Scene, drawable

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from skillcli.files import replacing
 from skillcli.store import ArtifactId, Store
-from skillcli.viz.files import replacing
 from skillcli.viz.loading import scene_of
 
 

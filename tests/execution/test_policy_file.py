@@ -129,7 +129,8 @@ def test_a_point_has_neither_joints_nor_targets(tmp_path: Path) -> None:
 
 
 def test_the_same_artifact_gives_the_same_bytes_wherever_it_is_written(reach: Path, tmp_path: Path) -> None:
-    again = export_policy(REFERENCES, REACH, tmp_path / "new" / "folder" / "other.onnx")
+    (tmp_path / "folder").mkdir()
+    again = export_policy(REFERENCES, REACH, tmp_path / "folder" / "other.onnx")
     assert again.path.read_bytes() == reach.read_bytes()
     assert [path.name for path in again.path.parent.iterdir()] == ["other.onnx"]
 
@@ -168,18 +169,22 @@ def test_an_archive_and_a_policy_are_not_written_at_once(tmp_path: Path) -> None
     assert refused.code == 2 and "different files" in refused.json["error"]["message"] and list(tmp_path.iterdir()) == []
 
 
-def test_a_file_that_is_there_is_not_replaced(tmp_path: Path) -> None:
-    path = tmp_path / "mine.onnx"
-    path.write_bytes(b"mine")
-    with pytest.raises(UsageError, match="is there already"):
-        export_policy(REFERENCES, POINT, path)
-    assert path.read_bytes() == b"mine"
+def test_a_file_that_is_there_is_replaced_as_a_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "policy.onnx"
+    path.write_bytes(b"the one before")
+    with monkeypatch.context() as patch:
+        patch.setattr(parity, "TOLERANCE", -1.0)
+        with pytest.raises(SkillError, match="ONNX Runtime and torch differ"):
+            export_policy(REFERENCES, POINT, path)
+    assert path.read_bytes() == b"the one before" and list(tmp_path.iterdir()) == [path]
+    export_policy(REFERENCES, POINT, path)
+    assert path.read_bytes() != b"the one before" and list(tmp_path.iterdir()) == [path]
 
 
 def test_a_place_that_cannot_be_written_is_refused_before_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").write_text("no folder")
     monkeypatch.setattr(parity, "expected", lambda *_: pytest.fail("it worked on"))
-    with pytest.raises(SkillError, match="cannot write in") as refused:
+    with pytest.raises(SkillError, match="cannot write") as refused:
         export_policy(REFERENCES, POINT, tmp_path / "file" / "policy.onnx")
     assert "--store" not in refused.value.hint
     assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -17,7 +17,7 @@ import rerun as rr
 from rerun.chunk import RrdReader
 
 from skillcli.errors import SkillError
-from skillcli.viz.files import replacing
+from skillcli.files import replacing
 from skillcli.viz.meshes import Detail
 from skillcli.viz.recording.clock import clocks
 from skillcli.viz.recording.entities import slug

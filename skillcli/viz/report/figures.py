@@ -15,7 +15,7 @@ from skillcli.kinds.compose import GOALS, ComposeResults
 from skillcli.trajectories import Array
 from skillcli.viz import motion
 from skillcli.viz.figure_style import encoded, styled
-from skillcli.viz.files import FORMATS
+from skillcli.viz.formats import FORMATS
 from skillcli.viz.paper_figures import composers, interpolation, learning, point, push, reach, transfer
 from skillcli.viz.report import paper
 from skillcli.viz.report.content import Missing, ReportFigure

@@ -11,9 +11,9 @@ from typing import Any
 
 from skillcli import __version__
 from skillcli.errors import SkillError
+from skillcli.files import replacing
 from skillcli.plaintext import visible
 from skillcli.store import Artifact, ArtifactId, Store
-from skillcli.viz.files import replacing
 from skillcli.viz.report.comparison import tables
 from skillcli.viz.report.content import Missing, Origin, Page, RecipeText
 from skillcli.viz.report.figures import SLUGS, make_figures

@@ -11,7 +11,6 @@ from pathlib import Path
 
 from skillcli.errors import SkillError
 
-FORMATS = ("png", "pdf", "svg")  # of figures
 TEMPORARY = ".tmp-"  # prefix of the store's unfinished files, so that `skill gc` finds them in its folder
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from skillcli.errors import SkillError
-from skillcli.viz.files import replacing
+from skillcli.files import replacing
 
 
 def test_files_get_their_names_together_when_all_is_done(tmp_path: Path) -> None:

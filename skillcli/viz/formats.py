@@ -1,0 +1,3 @@
+"""Formats of figures."""
+
+FORMATS = ("png", "pdf", "svg")
