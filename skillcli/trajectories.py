@@ -104,6 +104,10 @@ class Trajectories:
         """Return the present fields by name, as the store keeps them."""
         return {f.name: value for f in fields(self) if (value := getattr(self, f.name)) is not None}
 
+    def stored(self) -> dict[str, Array]:
+        """Return the present fields by their paths in an artifact, whose `group("trajectories")` is what `arrays` returns."""
+        return {f"trajectories/{name}": array for name, array in self.arrays().items()}
+
     def with_success(self, success: Array) -> Trajectories:
         """Replace the success of the episodes, (E,) bool."""
         return replace(self, success=success)

@@ -94,9 +94,7 @@ def _read(session: Session, source: str, robot: Robot, period: float | None) -> 
     if is_log_file(source):
         return read_log(source, joints, period)
     artifact = session.filled.read(session.filled.resolve(source, ()))
-    prefix = "trajectories/"
-    arrays = {name.removeprefix(prefix): values for name, values in artifact.arrays.items() if name.startswith(prefix)}
-    if not arrays:
+    if not (arrays := artifact.group("trajectories")):
         raise UsageError(f"{artifact.id} holds no trajectories", "give an execution, a transfer-eval, a compose, or a log file")
     return log_of_trajectories(Trajectories(**arrays), joints, str(artifact.id), artifact.arrays.get("execution/commanded"))
 

@@ -110,7 +110,7 @@ def compose(
                 "waypoints/target": request.waypoints,
                 "waypoints/closest": np.concatenate(closest),
                 "waypoints/route": request.route,
-                **{f"trajectories/{field}": array for field, array in recording.arrays().items()},
+                **recording.stored(),
             },
             results=replace(
                 _results(recipe, request, method, plan, planned, recording, np.concatenate(closest), finding),

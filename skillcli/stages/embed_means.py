@@ -52,7 +52,7 @@ def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | N
                 "skills/goal": library.goals,
                 "halfway/pair": pairs,
                 **(judged.arrays() if judged else {}),
-                **{f"trajectories/{field}": array for field, array in recording.arrays().items()},
+                **recording.stored(),
             },
             results=EmbedMeansResults(
                 skills=tuple(

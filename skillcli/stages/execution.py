@@ -26,7 +26,7 @@ from skillcli.simulation.domains import find_domain
 from skillcli.stopping import stoppable
 from skillcli.store import Artifact, ArtifactId, Draft, Store
 from skillcli.tasks.world import World
-from skillcli.trajectories import Array, Trajectories
+from skillcli.trajectories import Trajectories
 
 SIMULATION = "simulation"
 Confirm = Callable[[Sequence[str]], bool]  # shows what will happen, and returns whether it shall
@@ -170,17 +170,13 @@ def _draft(
             **log_arrays(done.logs, zero),
             "episodes/route": np.arange(done.episodes) % once.episodes,
             "episodes/final_distance": metrics.final_distance(recording),
-            **_stored(recording),
+            **recording.stored(),
         },
         results=results.json(),
         measured=ExecutionMeasured(deadlines=deadlines, robot_file=None if via.robot is None else via.robot.which).json(),
         parents=[source.id],
         model_sha256=library.world.fingerprint,
     )
-
-
-def _stored(recording: Trajectories) -> dict[str, Array]:
-    return {f"trajectories/{field}": array for field, array in recording.arrays().items()}
 
 
 def _stopped(done: Execution) -> Stopped | None:

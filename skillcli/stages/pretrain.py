@@ -265,7 +265,7 @@ def _draft(
             "evaluation/latent": evaluation.latent,
             "evaluation/final_distance": evaluation.final_distance,
             "evaluation/inferred": evaluation.inferred,
-            **{f"trajectories/{field}": array for field, array in evaluation.trajectories.arrays().items()},
+            **evaluation.trajectories.stored(),
         },
         results=_results(recipe, world, learner, evaluation, randomised).json(),
         measured=PretrainMeasured(

@@ -103,7 +103,7 @@ def transfer_eval(
                 "episodes/final_distance": metrics.final_distance(together),
                 "episodes/replay_error": np.concatenate(errors),
                 "episodes/return": together.reward.sum(axis=1),
-                **{f"trajectories/{field}": array for field, array in together.arrays().items()},
+                **together.stored(),
             },
             results=TransferEvalResults(
                 source=summarize_source(reference),
