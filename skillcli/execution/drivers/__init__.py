@@ -45,8 +45,6 @@ def open_driver(name: str, settings: Mapping[str, object], robot: Robot) -> Driv
     try:
         module = importlib.import_module(known.module)
     except ImportError as error:
-        if error.name == known.module:
-            raise UsageError(f"the driver {name} does not come with this skill", "drivers: simulation") from None
         hint = f"pip install 'skillcli[{known.extra}]'" if known.extra else "reinstall skill"
         raise SkillError(f"the driver {name} needs the package {error.name or error}, which is not installed", hint) from None
     driver: Driver = module.open_driver(settings, robot)

@@ -19,7 +19,7 @@ from pydantic import Field
 from skillcli.config.base import value
 from skillcli.errors import UsageError
 from skillcli.execution.driver import DriverError, JointState
-from skillcli.execution.drivers.readings import Poller, lost, not_connected, within
+from skillcli.execution.drivers.readings import PolledDriver, lost
 from skillcli.execution.drivers.settings import ArmSettings, read_settings
 from skillcli.robots.robot import Robot
 from skillcli.trajectories import Array
@@ -90,7 +90,7 @@ class Reference:
         return np.asarray(self._begin + done * (self._end - self._begin))
 
 
-class FrankaDriver:
+class FrankaDriver(PolledDriver):
     """A Franka arm; see `Driver`.
 
     If no other target follows, the arm comes to rest at the last; if our process dies, the control unit stops the arm.
@@ -101,43 +101,12 @@ class FrankaDriver:
     """
 
     def __init__(self, settings: FrankaSettings, names: tuple[str, ...]) -> None:
+        super().__init__(READ_PERIOD, settings.timeout)
         self._settings, self._names = settings, names
-        self._robot: Any = None
-        self._poller: Poller | None = None
         self._told: object = None  # the arm's own time of the last reading
         self._motion: Any = None  # from the first command on
         self._reference = Reference(np.zeros(JOINTS), np.array(settings.stiffness))
         self._referring = threading.Lock()  # so that no older reference follows a newer one
-
-    def connect(self) -> None:
-        """Connect to the control unit, and wait for a first reading; see `Driver`."""
-        if self._robot is not None:
-            raise not_connected()
-        given = self._settings
-        try:
-            self._robot = within(given.timeout, self._made)
-        except TimeoutError:
-            raise DriverError(
-                f"no Franka arm at {given.host}: no answer within {given.timeout:g} s",
-                "check `host`, and that its network is yours",
-            ) from None
-        except Exception as error:
-            raise DriverError(
-                f"no Franka arm at {given.host}: {type(error).__name__}: {error}",
-                "unlock the brakes, activate FCI in Desk, and see docs/driver-franka.md for versions and real-time kernels",
-            ) from None
-        self._poller = Poller(self._measure, READ_PERIOD)
-        try:
-            self._poller.start(given.timeout)
-        except DriverError:
-            self.close()
-            raise
-
-    def read(self) -> JointState:
-        """Return the newest reading; see `Driver`."""
-        if self._poller is None:
-            raise not_connected()
-        return self._poller.newest()
 
     def command(self, target: Array) -> Array:
         """Lead the reference to a target (7,) rad; see `Driver`."""
@@ -190,6 +159,18 @@ class FrankaDriver:
         config = franky.RealtimeConfig.Enforce if given.realtime else franky.RealtimeConfig.Ignore
         return franky.Robot(
             given.host, default_torque_threshold=given.torque, default_force_threshold=given.force, realtime_config=config
+        )
+
+    def _unanswered(self) -> DriverError:
+        return DriverError(
+            f"no Franka arm at {self._settings.host}: no answer within {self._settings.timeout:g} s",
+            "check `host`, and that its network is yours",
+        )
+
+    def _refused(self, error: Exception) -> DriverError:
+        return DriverError(
+            f"no Franka arm at {self._settings.host}: {type(error).__name__}: {error}",
+            "unlock the brakes, activate FCI in Desk, and see docs/driver-franka.md for versions and real-time kernels",
         )
 
     def _begin(self, here: Array) -> None:

@@ -19,9 +19,10 @@ import numpy as np
 from skillcli.config.base import value
 from skillcli.errors import UsageError
 from skillcli.execution.driver import DriverError, JointState
-from skillcli.execution.drivers.readings import Poller, VelocityEstimator, lost, not_connected, within
+from skillcli.execution.drivers.readings import PolledDriver, VelocityEstimator, lost, not_connected
 from skillcli.execution.drivers.settings import NamedSettings, check_length, read_settings
 from skillcli.paths import expanded
+from skillcli.robots.posture import joint_ranges
 from skillcli.robots.robot import Robot
 from skillcli.trajectories import Array
 
@@ -117,7 +118,7 @@ class Scale:
             raise UsageError(
                 "driver lerobot: zeros: not with normalised units, whose zero is the middle", "give `ranges` instead"
             )
-        low, high = np.array(settings.ranges or _joint_ranges(robot)).T
+        low, high = np.array(settings.ranges or _joint_ranges(robot), dtype=float).T
         return Scale(signs * (high - low) / (2 * FULL_SCALE), (low + high) / 2)
 
     def to_angles(self, numbers: Array) -> Array:
@@ -129,7 +130,7 @@ class Scale:
         return np.asarray((angles - self._zero) / self._factor)
 
 
-class LerobotDriver:
+class LerobotDriver(PolledDriver):
     """A robot of LeRobot; see `Driver`.
 
     Its bus takes one caller at a time: a thread asks for readings, and a command waits until the question is answered.
@@ -141,44 +142,12 @@ class LerobotDriver:
     """
 
     def __init__(self, settings: LerobotSettings, names: Sequence[str], scale: Scale) -> None:
+        super().__init__(1 / settings.rate, settings.timeout)
         self._settings, self._names, self._scale = settings, tuple(names), scale
         self._keys = [name + POSITION for name in settings.joints]
-        self._robot: LerobotLike | None = None
         self._velocity = VelocityEstimator()
-        self._poller: Poller | None = None
         self._bus = threading.Lock()
         self._sent: Array | None = None
-
-    def connect(self) -> None:
-        """Make the robot, connect to it without calibrating, and wait for a first reading; see `Driver`."""
-        if self._robot is not None:
-            raise not_connected()
-        timeout = self._settings.timeout
-        try:
-            robot = within(timeout, self._made)
-        except TimeoutError:
-            raise DriverError(
-                f"the robot is not connected within {timeout:g} s", "is it switched on, and does it ask something?"
-            ) from None
-        except DriverError:
-            raise
-        except Exception as error:
-            raise DriverError(
-                f"the robot cannot be connected: {type(error).__name__}: {error}", "try it with LeRobot itself"
-            ) from None
-        self._robot = robot
-        self._poller = Poller(self._measure, 1 / self._settings.rate)
-        try:
-            self._poller.start(timeout)
-        except DriverError:
-            self.close()
-            raise
-
-    def read(self) -> JointState:
-        """Return the newest reading; see `Driver`."""
-        if self._poller is None:
-            raise not_connected()
-        return self._poller.newest()
 
     def command(self, target: Array) -> Array:
         """Send a target (J,) rad; return what the robot made of it, (J,) rad; see `Driver`."""
@@ -209,7 +178,16 @@ class LerobotDriver:
             if robot.is_connected:
                 robot.disconnect()
 
+    def _unanswered(self) -> DriverError:
+        return DriverError(
+            f"the robot is not connected within {self._settings.timeout:g} s", "is it switched on, and does it ask something?"
+        )
+
+    def _refused(self, error: Exception) -> DriverError:
+        return DriverError(f"the robot cannot be connected: {type(error).__name__}: {error}", "try it with LeRobot itself")
+
     def _made(self) -> LerobotLike:
+        """Make the robot and connect to it, without calibrating."""
         robot: Any = _factory(self._settings.factory)(**self._settings.arguments)
         missing = [name for name in METHODS if not callable(getattr(robot, name, None))]
         missing += [] if hasattr(robot, "is_connected") else ["is_connected"]
@@ -227,10 +205,8 @@ class LerobotDriver:
         return robot  # type: ignore[no-any-return]
 
     def _measure(self) -> JointState:
-        robot = self._robot
-        assert robot is not None
         with self._bus:
-            observation = robot.get_observation()
+            observation = self._robot.get_observation()
             stamp = time.monotonic()  # after the answer: the bus may have been slow to ask
         position = self._scale.to_angles(self._numbers(observation, "get_observation()"))
         return JointState(self._names, position, self._velocity.update(stamp, position), stamp)
@@ -272,15 +248,16 @@ class LerobotDriver:
             raise DriverError(f"{what} is malformed: expected a number for each joint, got {got}", ROBOT_HINT) from None
 
 
-def _joint_ranges(robot: Robot) -> list[Range]:
-    ranges = []
-    for joint, name in zip(robot.names.joints, robot.description.joints, strict=True):
-        if not robot.model.jnt_limited[robot.model.joint(joint).id]:
-            raise UsageError(
-                f"driver lerobot: ranges: joint {name!r} has no range in the model", "give `ranges`, for every joint"
-            )
-        low, high = robot.model.joint(joint).range
-        ranges.append((float(low), float(high)))
+def _joint_ranges(robot: Robot) -> Array:
+    """Return the joints' ranges in the model, (J, 2) rad.
+
+    Raises:
+        UsageError: a joint has none.
+    """
+    ranges = joint_ranges(robot.model, robot.names.joints)
+    if (free := ~np.isfinite(ranges).all(axis=1)).any():
+        name = robot.description.joints[int(np.argmax(free))]
+        raise UsageError(f"driver lerobot: ranges: joint {name!r} has no range in the model", "give `ranges`, for every joint")
     return ranges
 
 

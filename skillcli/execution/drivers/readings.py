@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import threading
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -112,6 +113,65 @@ class Poller:
                 self._state = state
                 self._told.set()
             self._ending.wait(self._period)
+
+
+class PolledDriver(ABC):
+    """A driver that is one object of another library, whose readings a thread asks for.
+
+    Args:
+        period: pause between two readings, s.
+        timeout: longest wait for the connection, then for the first reading, s.
+    """
+
+    def __init__(self, period: float, timeout: float) -> None:
+        self._period, self._timeout = period, timeout
+        self._robot: Any = None
+        self._poller: Poller | None = None
+
+    @abstractmethod
+    def _made(self) -> Any:
+        """Return the connected object of the other library."""
+
+    @abstractmethod
+    def _measure(self) -> JointState | None:
+        """See `Poller`."""
+
+    @abstractmethod
+    def _unanswered(self) -> DriverError:
+        """Say that the connection was not there in time."""
+
+    @abstractmethod
+    def _refused(self, error: Exception) -> DriverError:
+        """Say that the connection failed."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """See `Driver`."""
+
+    def connect(self) -> None:
+        """Connect, and wait for a first reading; see `Driver`."""
+        if self._robot is not None:
+            raise not_connected()
+        try:
+            self._robot = within(self._timeout, self._made)
+        except TimeoutError:
+            raise self._unanswered() from None
+        except DriverError:
+            raise
+        except Exception as error:
+            raise self._refused(error) from None
+        self._poller = Poller(self._measure, self._period)
+        try:
+            self._poller.start(self._timeout)
+        except DriverError:
+            self.close()
+            raise
+
+    def read(self) -> JointState:
+        """Return the newest reading; see `Driver`."""
+        if self._poller is None:
+            raise not_connected()
+        return self._poller.newest()
 
 
 def lost(error: Exception) -> DriverError:

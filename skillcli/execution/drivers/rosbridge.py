@@ -193,9 +193,7 @@ class RosbridgeDriver:
 
     def _publish(self, target: Array) -> None:
         if self._closed.is_set():
-            raise DriverError(
-                "the connection to the rosbridge server is lost", "look at the server and the network, then start again"
-            )
+            raise connection_lost()
         self._commands.publish(roslibpy.Message(command_message(self._settings, target)))
 
     def _take(self, message: Mapping[str, Any]) -> None:
@@ -211,9 +209,7 @@ class RosbridgeDriver:
             self._told.set()
 
     def _lose(self, *_: object) -> None:
-        self._failure = self._failure or DriverError(
-            "the connection to the rosbridge server is lost", "look at the server and the network, then start again"
-        )
+        self._failure = self._failure or connection_lost()
         self._closed.set()
         self._told.set()
 
@@ -323,3 +319,8 @@ def malformed(expected: str, got: object) -> DriverError:
         f"a joint state is malformed: expected {expected}, got {str(got)[:60]!r}",
         "is `states.topic` a topic of sensor_msgs/JointState?",
     )
+
+
+def connection_lost() -> DriverError:
+    """Say that the server has gone."""
+    return DriverError("the connection to the rosbridge server is lost", "look at the server and the network, then start again")

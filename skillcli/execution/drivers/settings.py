@@ -1,4 +1,4 @@
-"""What the settings of every real arm's driver have in common, and how they are read."""
+"""How the settings of a driver are read, and what those of every real arm's driver have in common."""
 
 from __future__ import annotations
 
@@ -26,6 +26,29 @@ class NamedSettings(ArmSettings):
 
 
 Settings = TypeVar("Settings", bound=ArmSettings)
+Read = TypeVar("Read", bound=Section)
+
+
+def validated(kind: type[Read], given: Mapping[str, object], driver: str, page: str) -> Read:
+    """Validate the settings of a driver.
+
+    Args:
+        kind: what they are to be.
+        given: as a TOML file holds them.
+        driver: its name, for the error.
+        page: that explains them.
+
+    Raises:
+        UsageError: a key is unknown, or a value is invalid.
+    """
+    try:
+        return kind.model_validate(dict(given))
+    except ValidationError as error:
+        first = complaint(error, kind)
+        known = first.known or tuple(kind.model_fields)
+        raise UsageError(
+            f"driver {driver}: {first.key}{first.entry}: {first.said}", f"keys: {', '.join(known)}; {page} explains them"
+        ) from None
 
 
 def read_settings(kind: type[Settings], given: Mapping[str, object], driver: str, robot: Robot) -> Settings:
@@ -40,15 +63,7 @@ def read_settings(kind: type[Settings], given: Mapping[str, object], driver: str
     Raises:
         UsageError: a key is unknown, a value is invalid, or the number of joints is not that of the robot file.
     """
-    try:
-        settings = kind.model_validate(dict(given))
-    except ValidationError as error:
-        first = complaint(error, kind)
-        known = first.known or tuple(kind.model_fields)
-        raise UsageError(
-            f"driver {driver}: {first.key}{first.entry}: {first.said}",
-            f"keys: {', '.join(known)}; docs/driver-{driver}.md explains them",
-        ) from None
+    settings = validated(kind, given, driver, f"docs/driver-{driver}.md")
     if not isinstance(settings, NamedSettings):
         return settings
     names = settings.joints or tuple(robot.description.joints)

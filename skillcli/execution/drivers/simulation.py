@@ -13,11 +13,11 @@ from contextlib import suppress
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator, Field, ValidationError
+from pydantic import BeforeValidator, Field
 
 from skillcli.config.randomization import sample_each
-from skillcli.errors import UsageError
 from skillcli.execution.driver import DriverError, JointState, ObjectPose
+from skillcli.execution.drivers.settings import validated
 from skillcli.execution.simulation import wire
 from skillcli.execution.simulation.faults import Conditions
 from skillcli.execution.simulation.wire import Inbox, Kind, Outbox, Reading
@@ -55,13 +55,7 @@ def open_driver(settings: Mapping[str, object], robot: Robot) -> SimulationDrive
     Raises:
         UsageError: a setting is wrong, or the domain is unknown.
     """
-    try:
-        return SimulationDriver(Settings.model_validate(dict(settings)), robot)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"]))
-        known = f"keys: {', '.join(Settings.model_fields)}; docs/execute.md explains them"
-        raise UsageError(f"driver simulation: {where}: {first['msg']}, got {first['input']!r:.60}", known) from None
+    return SimulationDriver(validated(Settings, settings, "simulation", "docs/execute.md"), robot)
 
 
 class SimulationDriver:

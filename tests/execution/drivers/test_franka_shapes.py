@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from execution.conformance import DriverConformance
+from execution.drivers.failing import failure
 
 from skillcli.execution.driver import Driver, DriverError
 from skillcli.robots.robot import load_robot
@@ -136,17 +137,6 @@ def driver(franka: Any) -> Iterator[Any]:
 @pytest.fixture
 def arm(driver: Any) -> Robot:
     return Robot.made[-1]
-
-
-def failure(driver: Any) -> DriverError:
-    end = time.monotonic() + 2
-    while time.monotonic() < end:
-        try:
-            driver.read()
-        except DriverError as error:
-            return error
-        time.sleep(0.005)
-    raise AssertionError("nothing failed")
 
 
 def test_settings_reach_the_arm(franka: Any) -> None:

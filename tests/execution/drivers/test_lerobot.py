@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from execution.conformance import DriverConformance, connected
+from execution.drivers.failing import failure
 
 from skillcli.errors import UsageError
 from skillcli.execution.driver import DriverError
@@ -204,17 +205,6 @@ def test_closing_disconnects_and_ends_the_thread(driver: LerobotDriver, robot: F
     driver.close()
     assert not robot.is_connected and robot.connections == 1
     assert "arm readings" not in [thread.name for thread in threading.enumerate()]
-
-
-def failure(driver: LerobotDriver) -> DriverError:
-    end = time.monotonic() + 2
-    while time.monotonic() < end:
-        try:
-            driver.read()
-        except DriverError as error:
-            return error
-        time.sleep(0.005)
-    raise AssertionError("nothing failed")
 
 
 @pytest.mark.parametrize(

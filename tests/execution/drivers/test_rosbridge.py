@@ -17,6 +17,7 @@ import pytest
 pytest.importorskip("roslibpy")
 
 from execution.conformance import DriverConformance, connected, fresh
+from execution.drivers.failing import failure
 from execution.drivers.rosbridge_server import RosbridgeServer
 
 from skillcli.errors import UsageError
@@ -54,18 +55,6 @@ def until(what: Callable[[], Any], seconds: float = 2.0) -> Any:
     while not (got := what()) and time.monotonic() < end:
         time.sleep(0.005)
     return got
-
-
-def failure(driver: RosbridgeDriver) -> DriverError:
-    """The error that reading ends with."""
-    end = time.monotonic() + 2
-    while time.monotonic() < end:
-        try:
-            driver.read()
-        except DriverError as error:
-            return error
-        time.sleep(0.005)
-    raise AssertionError("nothing failed")
 
 
 class TestSawyer(DriverConformance):
