@@ -8,22 +8,19 @@ from pathlib import Path
 import numpy as np
 
 from skillcli.evaluation.episode_schedule import EpisodeSchedule
-from skillcli.evaluation.library import open_library
+from skillcli.evaluation.library import Library, open_library
 from skillcli.evaluation.transfer_evaluator import TargetRobots
 from skillcli.execution.identify.identify import identify
 from skillcli.execution.log import Log, checked
 from skillcli.seeding import generator
 from skillcli.simulation.domains import find_domain
-from skillcli.store import Store
+from skillcli.store import Artifact, Store
 
 ROBOTS, STEPS, NEAR = 20, 200, 0.15
 
 
-def logs(source: str, seed: int, increments: bool) -> tuple[list[Log], TargetRobots]:
+def logs(library: Library, artifact: Artifact, seed: int, increments: bool) -> tuple[list[Log], TargetRobots]:
     """What the sensors of each robot say while it plays a plan again and again."""
-    store = Store(Path("artifacts"))
-    artifact = store.read(store.resolve(source, ()))
-    library = open_library(store, artifact)
     world, plan = library.world, EpisodeSchedule.of(artifact, library)
     target = TargetRobots.drawn(find_domain("real-like"), ROBOTS, seed, world.joints, "identify")
     rngs = [generator(seed, f"identify sensors {robot}") for robot in range(ROBOTS)]
@@ -32,15 +29,14 @@ def logs(source: str, seed: int, increments: bool) -> tuple[list[Log], TargetRob
     while steps + int(plan.steps[episode % plan.episodes]) <= STEPS:
         env.reset(np.arange(ROBOTS), np.zeros(ROBOTS, dtype=np.int64))
         observation, which = env.observe(), episode % plan.episodes
-        commanded = env.arms.commanded.copy()
         starts.append(len(rows))
         for step in range(int(plan.steps[which])):
             measured = observation[:, : world.joints].astype(float)
             observation = env.step(library.agent.act(observation, np.tile(plan.latent[which, step], (ROBOTS, 1)))).observation
             commanded = env.arms.commanded.copy()
-            rows.append((measured, env.applied.copy() if increments else commanded, 0.05 * step))
+            rows.append((measured, env.applied.copy() if increments else commanded, world.task.control_period * step))
         last = observation[:, : world.joints].astype(float)
-        rows.append((last, 0 * commanded if increments else commanded, 0.05 * int(plan.steps[which])))
+        rows.append((last, 0 * commanded if increments else commanded, world.task.control_period * int(plan.steps[which])))
         steps, episode = steps + int(plan.steps[which]), episode + 1
     names = world.robot.description.joints
     stamps = np.array([stamp for _, _, stamp in rows])
@@ -69,11 +65,13 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=0)
     args = parser.parse_args()
     store = Store(Path("artifacts"))
-    robot = open_library(store, store.read(store.resolve(args.source, ()))).world.robot
-    recorded, target = logs(args.source, args.seed, args.increments)
+    artifact = store.read(store.resolve(args.source, ()))
+    library = open_library(store, artifact)
+    world = library.world
+    recorded, target = logs(library, artifact, args.seed, args.increments)
     late, near, held = 0, [], []
     for index, log in enumerate(recorded):
-        found = identify(log, robot, 0.04, threads=args.threads)
+        found = identify(log, world.robot, world.task.action_scale, threads=args.threads)
         gain, true = found.parameters["gain"], target.parameters["gain"][index]
         late += abs(float(found.parameters["latency"].value) - target.parameters["latency"][index]) < 1e-9
         near.append(np.abs(gain.value / true - 1) <= NEAR)

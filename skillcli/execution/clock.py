@@ -8,8 +8,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
-import numpy as np
-
 DEADLINE = 0.5  # control periods after its tick, by which a target must have been sent
 PATIENCE = 0.05  # s, that the watchdog waits at least: an operating system may put a process aside for so long
 
@@ -50,10 +48,6 @@ class Ticks:
     def missed(self) -> int:
         """Count the ticks that were answered after their deadline."""
         return sum(late > DEADLINE * self.period for late in self.late)
-
-    def p99(self) -> float:
-        """Return the time within which 99 of 100 ticks were answered, s; 0 without ticks."""
-        return float(np.quantile(self.late, 0.99)) if self.late else 0.0
 
 
 class Watchdog:

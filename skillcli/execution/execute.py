@@ -146,15 +146,14 @@ class Executor:
             if self._simulated is not None and episode:
                 self._simulated.reset(episode)
             arm.begin()
-            there = np.abs(arm.position - self._observed.start).max() <= self._within
-            if self._asked.home if self._simulated is not None else (self._asked.home or episode > 0):
-                there = np.abs(arm.position - self._observed.start).max() <= checks.AT_START
-                if not there and not self._asked.dry:
+            off = float(np.abs(arm.position - self._observed.start).max())
+            if self._asked.home or (episode > 0 and self._simulated is None):
+                if off > checks.AT_START and not self._asked.dry:
                     move_home(arm, self._observed.start, self.limits, self._foresight)
                     arm.ticks.late.clear()
                     if arm.stopped is None:
                         arm.begin()
-            elif not there:
+            elif off > self._within:
                 checks.check_start(fresh_reading(self._driver), self._observed.start, self._within)
         except SkillError as error:
             if not done.episodes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -150,12 +150,11 @@ def _parted(log: Log) -> Log:
     lengths = [end - first for first, end in kept]
     extra = len(starts) - len(log.starts)
     said = (f"rows are missing at {extra} places: each is the start of a new episode",) if extra else ()
-    return Log(
-        names=log.names,
+    return replace(
+        log,
         stamps=log.stamps[rows],
         position=log.position[rows],
         sent=log.sent[rows],
-        increments=log.increments,
         starts=tuple(int(first) for first in np.cumsum([0, *lengths[:-1]])),
         velocity=None if log.velocity is None else log.velocity[rows],
         gripper_position=None if log.gripper_position is None else log.gripper_position[rows],

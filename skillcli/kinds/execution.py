@@ -94,7 +94,6 @@ EXECUTION = KindSpec(
         "execution/limited": Field("episode,step,limit", values=TRUTH),
         "episodes/route": Field("episode", values=Values("i", 0)),
         "episodes/final_distance": Field("episode", "m"),
-        "planned/*": Field("...", required=False),
         **TRAJECTORIES,
     },
     results=ExecutionResults,

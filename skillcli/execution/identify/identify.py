@@ -125,7 +125,7 @@ def _whole(period: float) -> float:
 def _fitted(best: structure.Structure, wanted: Array, before: Fit | None = None) -> tuple[Fit, structure.Lateness]:
     """Fit all that windows of the rows `wanted`, (T,) bool, tell: twice, since the first fit says how noisy the log is."""
     model, log, meaning = best.model, best.model.log, best.meaning
-    knobs = Knobs((*(("command_response",) if log.increments else ()), *DYNAMICS), log.joints)
+    knobs = Knobs(_turned(log.increments), log.joints)
     windows = _windows(log, meaning, wanted)
     if before is None:
         first = fit(model, meaning, windows, knobs, best.latency)
@@ -136,6 +136,11 @@ def _fitted(best: structure.Structure, wanted: Array, before: Fit | None = None)
     if not math.isclose(late.value, best.latency, abs_tol=1e-9):
         second = fit(model, meaning, windows, knobs, late.value, second.x, second.noise, AGAIN)
     return second, late
+
+
+def _turned(increments: bool) -> tuple[str, ...]:
+    """Return the parameters that a fit turns: only increments have a scale of their own."""
+    return ("command_response", *DYNAMICS) if increments else DYNAMICS
 
 
 def _windows(log: Log, meaning: Meaning, wanted: Array) -> Windows:
@@ -181,11 +186,10 @@ def _noise(found: Fit, meaning: Meaning) -> tuple[float, float, float]:
 
 def _nothing(joints: int, increments: bool) -> dict[str, Estimate]:
     """Return what was believed before."""
-    names = (*(("command_response",) if increments else ()), *DYNAMICS)
-    knobs = Knobs(names, joints)
+    knobs = Knobs(_turned(increments), joints)
     x, spread = np.zeros(knobs.count), np.ones(knobs.count)
     estimates = {"latency": Estimate.of(0.0, 0.0, 0.0)}
-    return {**estimates, **{name: Estimate.of(*knobs.interval(name, x, spread), told=False) for name in names}}
+    return {**estimates, **{name: Estimate.of(*knobs.interval(name, x, spread), told=False) for name in knobs.names}}
 
 
 def _of_tool(tool: ToolFit | None) -> dict[str, Estimate]:
