@@ -169,7 +169,7 @@ def log_of_trajectories(
 
     Args:
         trajectories: E episodes.
-        names: of the joints.
+        names: of the joints of the arm that it should be; a recording of another number of joints keeps none.
         what: it is called in errors.
         targets: (E, T, J) rad, the targets that were sent; without them they are added up from the start, since the actions
             of an artifact are what the targets moved by.
@@ -193,7 +193,7 @@ def log_of_trajectories(
         parts.append((np.asarray(trajectories.time[: length + 1], dtype=float), position, sent, place))
     stamps, position, sent, place = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     log = Log(
-        names=tuple(names),
+        names=tuple(names) if len(names) == position.shape[1] else (),
         stamps=stamps,
         position=position,
         sent=sent,

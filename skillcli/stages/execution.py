@@ -116,8 +116,8 @@ def _announced(source: Artifact, via: Via, world: World, executor: Executor, ask
     assert planned.joint_position is not None, "an arm"
     fastest = np.abs(np.diff(planned.joint_position, axis=1)).max() / world.task.control_period * asked.share
     return [
-        f"{source.id} on {world.robot.name}, by the driver {via.driver}: {asked.episodes} episodes of {executor.seconds:.1f} s"
-        " at most",
+        f"{source.id} on {world.robot.name}, by the driver {via.driver}: {asked.episodes} "
+        f"episode{'s' if asked.episodes > 1 else ''} of {executor.seconds:.1f} s at most",
         f"in our simulation the plan keeps every limit, ends {gap:.1f} cm from its goals, and moves no joint faster than "
         f"{fastest:.2f} rad/s",
         f"the arm is {executor.off:.3f} rad from the start" + (": it moves there first, slowly" if asked.home else ""),

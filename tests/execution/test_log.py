@@ -82,6 +82,7 @@ def test_trajectories_are_read_up_to_the_length_of_each_episode_and_targets_are_
     assert log.starts == (0, 31) and len(log.stamps) == 34 and not log.increments
     np.testing.assert_allclose(log.sent[31:, 0], [1.01, 1.02, 1.02], atol=1e-6)
     np.testing.assert_allclose(log.position[31:, 0], [1, 1.02, 1.04])
+    assert log_of_trajectories(trajectories, ("a", "b")).names == (), "of another arm, whose names are not known"
     told = log_of_trajectories(trajectories, ("a",), targets=np.full((2, 30, 1), 7.0))
     assert (told.sent == 7).all(), "what was sent is not added up from a measured start"
     with pytest.raises(UsageError, match="holds no joint angles"):

@@ -107,7 +107,7 @@ def identify(log: Log, robot: Robot, action_limit: float, on_progress: OnProgres
 def _check(log: Log, robot: Robot) -> None:
     wanted = robot.description.joints
     if log.joints != len(wanted) or (log.names and tuple(log.names) != tuple(wanted)):
-        got = ", ".join(log.names) or str(log.joints)
+        got = ", ".join(log.names) or f"{log.joints} joints without names"
         raise UsageError(
             f"the log is of another arm; expected the joints {', '.join(wanted)}; got {got}", "give its robot file"
         )
