@@ -48,7 +48,8 @@ class RosbridgeServer:
         self._subscribed: set[ServerConnection] = set()
         self._advertised: dict[str, str] = {}
         self._ending = threading.Event()
-        self._server = serve(self._talk, "127.0.0.1", 0)
+        # a connection whose socket is closed answers no more: websockets would wait 10 s for that
+        self._server = serve(self._talk, "127.0.0.1", 0, close_timeout=0.2)
         self.port: int = self._server.socket.getsockname()[1]
         for work in (self._server.serve_forever, self._simulate):
             threading.Thread(target=work, daemon=True).start()
