@@ -24,6 +24,8 @@ from skillcli.simulation.foresight import Foresight
 from skillcli.tasks.world import World
 from skillcli.trajectories import Array
 
+pytestmark = pytest.mark.slow  # in real time
+
 PERIOD, STEPS = 0.05, 12
 WORLD = World.of(load_recipe("reach"))
 NAMES = WORLD.robot.description.joints

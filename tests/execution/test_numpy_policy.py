@@ -18,6 +18,8 @@ from skillcli.evaluation.library import open_library
 from skillcli.execution.policy_file import export_policy
 from skillcli.store import ArtifactId, Store
 
+pytestmark = pytest.mark.slow  # whole plans are played
+
 ROOT = Path(__file__).parents[2]
 REFERENCES = Store(ROOT / "artifacts")
 
@@ -85,7 +87,6 @@ def test_a_blend_gives_the_latents_of_the_plan(numpy_policy: Any, tmp_path: Path
     assert np.array(list(numpy_policy.latents(route["segments"]))) == pytest.approx(recorded, abs=1e-6)
 
 
-@pytest.mark.slow
 def test_a_policy_that_is_affine_in_the_latent_is_played_alike(numpy_policy: Any, tmp_path: Path) -> None:
     made("--store", tmp_path, "pretrain", "reach", "--name", "affine", *TINY_SET, "--set", "network.linear_latent=true")
     store, source = Store(tmp_path), ArtifactId("affine", "pretrain", 1)

@@ -11,6 +11,8 @@ from skillcli.execution.driver import Driver
 from skillcli.execution.drivers import open_driver
 from skillcli.robots.robot import load_robot
 
+pytestmark = pytest.mark.slow  # a process of its own, in real time
+
 SAWYER = tuple(f"right_j{joint}" for joint in range(7))
 
 

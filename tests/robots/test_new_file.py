@@ -19,6 +19,8 @@ from skillcli.robots.robot import load_robot
 from skillcli.robots.start import POINTS_DOWN
 from skillcli.robots.tuning import propose_gains, step_responses
 
+pytestmark = pytest.mark.slow  # arms are built and moved
+
 HERE = Path(__file__).parent
 PENDULUMS = """<mujoco><compiler angle="radian"/><worldbody><body name="base">{arms}</body></worldbody></mujoco>"""
 LINK = """<body name="{name}{i}" pos="0 0 .2"><joint name="{name}j{i}" axis="{axis}" range="-2.5 2.5" limited="true"/>

@@ -20,6 +20,8 @@ from skillcli.execution.driver import DriverError
 from skillcli.execution.drivers.lerobot import LerobotDriver, open_driver
 from skillcli.robots.robot import load_robot
 
+pytestmark = pytest.mark.slow  # in real time
+
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
 TAU = 0.03  # s
 FACTORY = f"{__name__}:made"
