@@ -34,12 +34,14 @@ KEPT_APART = {
 
 # package outside: the only parts of ours that may import it
 ONLY_IN = {
+    "fsspec": ("store/remote_fsspec.py",),
     "h5py": ("store/",),
     "onnx": ("execution/",),
     "onnxruntime": ("execution/",),
     "rerun": ("viz/recording",),
     "torch": ("learning/", "seeding.py"),
     "mujoco": ("robots/", "simulation/", "tasks/", "viz/"),
+    "paramiko": ("store/remote_fsspec.py",),
     "franky": ("execution/drivers/franka.py",),
     "roslibpy": ("execution/drivers/rosbridge.py",),
 }
@@ -88,14 +90,14 @@ def test_no_stage_imports_another_except_in_the_chain() -> None:
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.parametrize("words", [(), ("compose",)])
+@pytest.mark.parametrize("words", [(), ("compose",), ("upload",)])
 def test_help_loads_nothing_heavy(words: tuple[str, ...]) -> None:
     code = (
         f"import sys; sys.argv = ['skill', *{words}, '--help']\n"
         "from skillcli.cli.app import main\n"
         "try: main()\n"
         "except SystemExit as leaving: assert not leaving.code\n"
-        "heavy = {'torch', 'mujoco', 'h5py', 'rerun', 'matplotlib', 'scipy', 'numpy', 'onnx'} & set(sys.modules)\n"
+        "heavy = {'torch', 'mujoco', 'h5py', 'rerun', 'matplotlib', 'scipy', 'numpy', 'onnx', 'fsspec'} & set(sys.modules)\n"
         "sys.exit(f'loaded {heavy}' if heavy else 0)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)

@@ -13,7 +13,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from skillcli import __version__
-from skillcli.cli import execute, identify, inspect, report, robots, stages, store_admin, store_view, trouble, typed
+from skillcli.cli import execute, identify, inspect, remote, report, robots, stages, store_admin, store_view, trouble, typed
 from skillcli.cli.session import Session
 from skillcli.errors import SkillError
 from skillcli.plaintext import line
@@ -64,6 +64,7 @@ robots.register(app)
 report.register(app)
 store_view.register(app)
 store_admin.register(app)
+remote.register(app)
 
 
 def main() -> None:

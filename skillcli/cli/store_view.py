@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from skillcli.cli import complete
+from skillcli.cli.remote import list_remote
 from skillcli.cli.session import Session
 from skillcli.errors import UsageError
 
@@ -49,6 +50,9 @@ def list_artifacts(
     recipe: Annotated[str, typer.Option("--recipe", help="Only from these recipes; * is any.", metavar="PATTERN")] = "*",
     since: Annotated[str, typer.Option("--since", help="Only made at or after this (UTC).", metavar="DATE[THH:MM]")] = "",
     before: Annotated[str, typer.Option("--before", help="Only made before this (UTC).", metavar="DATE[THH:MM]")] = "",
+    remote: Annotated[
+        str, typer.Option("--remote", help="List this shared store instead, and what of it is here.", metavar="REMOTE")
+    ] = "",
 ) -> None:
     """List the artifacts, the newest last."""
     from fnmatch import fnmatchcase
@@ -59,6 +63,11 @@ def list_artifacts(
         raise UsageError(f"no kind {kind!r}", f"kinds: {', '.join(KINDS)}")
     first, last = _instant("--since", since), _instant("--before", before)
     session: Session = context.obj
+    if remote:
+        if recipe != "*":
+            raise UsageError("--recipe and --remote do not go together", "a shared store is listed without reading artifacts")
+        list_remote(session, remote, kind, name, lambda made: (not first or made >= first) and (not last or made < last))
+        return
     found = session.filled.listing()
     chosen = [
         header

@@ -14,7 +14,7 @@ SWITCHES = ("--json", "--quiet", "--debug")
 
 _PROPOSED = re.compile(
     r"(?P<before>^|`|: )skill (?=(?:pretrain|embed-means|compose|transfer-eval|run|demo|viz|report|ls|show|diff|verify|pin"
-    r"|unpin|rm|gc|export|import|migrate|unlock|doctor)\b)"
+    r"|unpin|rm|gc|export|import|upload|download|migrate|unlock|doctor)\b)"
 )
 
 

@@ -8,25 +8,25 @@ from __future__ import annotations
 
 import hashlib
 import io
-import os
 import tarfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from skillcli.errors import StoreError, UnknownArtifact
+from skillcli.errors import StoreError
 from skillcli.kinds import KINDS
 from skillcli.paths import open_regular
 from skillcli.store import atomic, codec
-from skillcli.store.artifact import Artifact, Parent, content_hash
+from skillcli.store.artifact import Artifact, Parent
 from skillcli.store.atomic import storage_errors
 from skillcli.store.block import MAGIC
 from skillcli.store.canonical_json import canonical, parse
 from skillcli.store.container import peek, reading
 from skillcli.store.ids import ArtifactId
 from skillcli.store.quarantine import MAX_FILE_BYTES
+from skillcli.store.receive import Imported, check_file, keep, same
 from skillcli.store.store import Store
 
 MANIFEST = "manifest.json"
@@ -34,8 +34,6 @@ FORMAT = {"format": "skill-export", "version": 1}
 MAX_MANIFEST_BYTES = 1 << 20
 MAX_ARTIFACTS = len(KINDS)
 """An artifact and its ancestors: each was made from one of an earlier kind."""
-LAST_IMPORTED = 1_000_000
-"""Higher version numbers are not taken from a file: the next training needs a higher one."""
 
 _BLOCK = 512  # block size of a tar
 _LONGEST_END = 1 << 14  # zeros after the last member
@@ -51,16 +49,6 @@ _NEITHER = {
 _HINT = "give what `skill export` wrote, or the .h5 file of one artifact; if it is damaged, ask for it anew"
 
 
-@dataclass(frozen=True)
-class Imported:
-    """The result of importing one artifact."""
-
-    id: ArtifactId  # its id in this store
-    exported: ArtifactId  # its id in the export
-    new: bool  # False: the same content was already here
-    replaced: bool = False  # the copy here was damaged and was replaced
-
-
 def export(store: Store, artifact_id: ArtifactId, path: Path) -> list[ArtifactId]:
     """Write an artifact and its ancestors into one new file.
 
@@ -70,7 +58,7 @@ def export(store: Store, artifact_id: ArtifactId, path: Path) -> list[ArtifactId
     Raises:
         StoreError: one of them is missing or damaged, or the disk refuses.
     """
-    ids = _ancestors_first(store, artifact_id)
+    ids = ancestors_first(store, artifact_id)
     for one in ids:
         if problems := store.verify(one):
             raise StoreError(f"cannot export {artifact_id}: {problems[0]}", f"`skill verify {one} --lineage` shows it all")
@@ -126,12 +114,17 @@ def import_file(
     with storage_errors(f"write in {store.root}"), _unpacked(store, path, check) as artifacts:
         for artifact in artifacts:
             parents = tuple(_parent(store, artifact, parent, renamed) for parent in artifact.parents)
-            imported.append(_keep(store, replace(artifact, parents=parents), replace_damaged))
+            imported.append(keep(store, replace(artifact, parents=parents), replace_damaged))
             renamed[artifact.id] = imported[-1].id
     return imported
 
 
-def _ancestors_first(store: Store, artifact_id: ArtifactId) -> list[ArtifactId]:
+def ancestors_first(store: Store, artifact_id: ArtifactId) -> list[ArtifactId]:
+    """Return an artifact and all that it was made from, ancestors first.
+
+    Raises:
+        StoreError: one is missing or damaged, or was made from itself.
+    """
     ordered: dict[ArtifactId, None] = {}
     entered: set[ArtifactId] = set()
     pending = [(artifact_id, False)]
@@ -141,7 +134,7 @@ def _ancestors_first(store: Store, artifact_id: ArtifactId) -> list[ArtifactId]:
             ordered[one] = None
         elif one not in ordered:
             if one in entered:
-                raise StoreError(f"cannot export {artifact_id}: {one} was made from itself", f"`skill verify {one} --lineage`")
+                raise StoreError(f"cannot send {artifact_id}: {one} was made from itself", f"`skill verify {one} --lineage`")
             entered.add(one)
             pending.append((one, True))
             pending += [(parent.id, False) for parent in reversed(store.header(one).parents)]
@@ -154,100 +147,15 @@ def _add(tar: tarfile.TarFile, name: str, data: bytes) -> None:
     tar.addfile(info, io.BytesIO(data))
 
 
-class _Here(Exception):
-    """The content appeared in the store while it was being written."""
-
-    def __init__(self, found: ArtifactId) -> None:
-        super().__init__(found)
-        self.id = found
-
-
 def _parent(store: Store, artifact: Artifact, parent: Parent, renamed: Mapping[ArtifactId, ArtifactId]) -> Parent:
     """Return a parent of an artifact under its id in the store."""
-    found = renamed.get(parent.id) or _same(store, parent.id, parent.content_sha256)
+    found = renamed.get(parent.id) or same(store, parent.id, parent.content_sha256)
     if found is None:
         problem = (
             f"{artifact.id} was made from {parent.id}, which is neither in the file nor, with that content, in {store.root}"
         )
         raise StoreError(problem, f"import an export that holds both: `skill export {artifact.id}` where it comes from")
     return replace(parent, id=found)
-
-
-def _keep(store: Store, artifact: Artifact, replace_damaged: bool) -> Imported:
-    """Give an artifact its place in the store, unless it has one."""
-    found = _same(store, artifact.id, artifact.content_sha256, or_illegible=True)
-    if found is None:
-        return _keep_new(store, artifact)
-    if not (problem := _damage(store, found, artifact.content_sha256)):
-        return Imported(found, artifact.id, new=False)
-    if not replace_damaged:
-        raise StoreError(f"{found} is here, but damaged: {problem}", "`skill import --replace` puts the whole one in its place")
-    store.put(replace(artifact, id=found), artifact.parents, replace=True)
-    return Imported(found, artifact.id, new=False, replaced=True)
-
-
-def _keep_new(store: Store, artifact: Artifact) -> Imported:
-    def admit() -> None:
-        if found := _same(store, artifact.id, artifact.content_sha256):
-            raise _Here(found)
-
-    target = _claim(store, artifact.id)
-    try:
-        store.put(replace(artifact, id=target), artifact.parents, admit=admit)
-    except _Here as here:
-        return Imported(here.id, artifact.id, new=False)
-    return Imported(target, artifact.id, new=True)
-
-
-def _claim(store: Store, artifact_id: ArtifactId) -> ArtifactId:
-    """Claim this id if it was never taken here, else the next version."""
-    path = store.path(artifact_id)
-    if artifact_id.version <= LAST_IMPORTED:
-        atomic.make_folder(path.parent)
-        if atomic.keep_claim(path.parent, path.stem) and not os.path.lexists(path):
-            return artifact_id
-    return replace(artifact_id, version=atomic.claim_version(path.parent, artifact_id.stage))
-
-
-def _same(store: Store, artifact_id: ArtifactId, content_sha256: str, *, or_illegible: bool = False) -> ArtifactId | None:
-    """Find the artifact of a series whose header has this content hash, under the given id if possible.
-
-    With `or_illegible`, also return the id itself if its header cannot be read.
-    """
-    series = sorted(store.versions(artifact_id), key=lambda one: one != artifact_id)
-    contents = {one: _content(store, one) for one in series}
-    illegible = [artifact_id] if or_illegible and contents.get(artifact_id) == "" else []
-    found = [*(one for one in series if contents[one] == content_sha256), *illegible]
-    return found[0] if found else None
-
-
-def _content(store: Store, artifact_id: ArtifactId) -> str | None:
-    """Return the content hash in an artifact's header; "" if it is damaged, None if it is missing or not readable.
-
-    Raises:
-        StoreError: the disk fails.
-    """
-    try:
-        return store.header(artifact_id).content_sha256
-    except StoreError as error:
-        if atomic.is_disk_failure(error):
-            raise
-        return None if isinstance(error, UnknownArtifact) or isinstance(error.__cause__, OSError) else ""
-
-
-def _damage(store: Store, artifact_id: ArtifactId, content_sha256: str) -> str:
-    """Describe what is wrong with a stored artifact that should have this content; "" if nothing.
-
-    Raises:
-        StoreError: the disk fails.
-    """
-    try:
-        found = _checked(artifact_id, store.path(artifact_id)).content_sha256
-    except StoreError as error:
-        if isinstance(error.__cause__, OSError) and error.__cause__.errno:
-            raise
-        return error.message
-    return "" if found == content_sha256 else f"its content is {found[:12]}"
 
 
 @contextmanager
@@ -258,7 +166,7 @@ def _unpacked(store: Store, path: Path, check: Callable[[Artifact], None]) -> It
             with reading(path, _HINT):
                 single = ArtifactId.parse(str(peek(path)["id"]))
             places = [(single, path)]
-            check(_checked(single, path))
+            check(check_file(single, path, _HINT))
         else:
             places = list(_extracted(store, path, check, stack))
         yield (codec.read_artifact(place, one, older=True) for one, place in places)
@@ -300,7 +208,7 @@ def _extracted(
             stack.callback(temporary.unlink, missing_ok=True)
             if _copied(file, entry["bytes"], temporary) != entry["sha256"]:
                 raise ValueError(f"the bytes of {one} have changed")
-            artifact = _checked(one, temporary)
+            artifact = check_file(one, temporary, _HINT)
             check(artifact)
             _check_parents(artifact, entry, known)
             known[one] = artifact.content_sha256
@@ -323,13 +231,6 @@ def _copied(file: BinaryIO, length: int, target: Path) -> str:
             copy.write(piece)
             length -= len(piece)
     return sha.hexdigest()
-
-
-def _checked(artifact_id: ArtifactId, path: Path) -> Artifact:
-    artifact = codec.read_artifact(path, artifact_id, older=True)
-    if content_hash(artifact) != artifact.content_sha256:
-        raise StoreError(f"the content hash of {artifact_id} is not that of its content", _HINT)
-    return artifact
 
 
 def _check_parents(artifact: Artifact, entry: dict[str, Any], known: dict[ArtifactId, str]) -> None:

@@ -31,6 +31,9 @@ FULL = (errno.ENOSPC, errno.EDQUOT)
 LEFT_OVER_SECONDS = 24 * 3600.0
 """An unfinished file that did not change for so long is left over, whatever became of its process."""
 
+NO_LINKS = (errno.EPERM, errno.ENOSYS, errno.EOPNOTSUPP)
+"""Error numbers of a file system without links: FAT, and some network file systems."""
+
 _HINTS = {
     errno.ENOSPC: "the disk is full: free some space, or choose another folder with --store",
     errno.EDQUOT: "the disk quota is used up: free some space, or choose another folder with --store",
@@ -233,6 +236,51 @@ def keep_claim(folder: Path, stem: str) -> bool:
     if created:
         sync_folder(claims)
     return created
+
+
+def claim_for(folder: Path, stem: str, content_sha256: str) -> bool:
+    """Claim `STAGE-vN` for this content; return False if something else has or had it.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    claims = folder / CLAIMS
+    make_folder(claims)
+    text = content_sha256.encode()
+    return create_whole(claims / stem, text, folder) or (claims / stem).read_bytes() == text
+
+
+def create_whole(path: Path, data: bytes, beside: Path | None = None) -> bool:
+    """Create a file that has its whole content from the first moment; return False if there is one.
+
+    Args:
+        path: the file.
+        data: its content.
+        beside: folder for the unfinished file, by default that of `path`.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    temporary = temporary_beside((beside or path.parent) / path.name)
+    try:
+        with temporary.open("xb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        try:
+            os.link(temporary, path)
+        except FileExistsError:
+            return False
+        except OSError as error:
+            if error.errno not in NO_LINKS:
+                raise
+            if not _create(path):
+                return False
+            temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    sync_folder(path.parent)
+    return True
 
 
 def remove_claimed(path: Path) -> None:

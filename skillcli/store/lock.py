@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from skillcli.errors import StoreError
-from skillcli.store.atomic import make_folder, storage_errors
+from skillcli.store.atomic import NO_LINKS, make_folder, storage_errors
 from skillcli.store.process import boot_tag, booted, host_tag, is_running, machine_tag, started
 
 LOCK = ".lock"
@@ -40,7 +40,6 @@ _OWNER = re.compile(
     re.ASCII,
 )
 _given_up: set[str] = set()  # locks of this process that could not be removed
-_NO_LINKS = (errno.EPERM, errno.ENOSYS, errno.EOPNOTSUPP)  # FAT and some network file systems
 
 
 @dataclass(frozen=True)
@@ -170,7 +169,7 @@ def _create(path: Path, text: str) -> bool:
     except FileExistsError:
         return False
     except OSError as error:
-        if error.errno not in _NO_LINKS:
+        if error.errno not in NO_LINKS:
             raise
         return _create_file(path, text)
     return True

@@ -351,7 +351,7 @@ def test_what_was_made_from_itself_is_not_exported(
     def after(one: ArtifactId) -> list[ArtifactId]:
         return [replace(one, version=one.version + 1)] if one.version < len(chain) else []
 
-    assert archive._ancestors_first(store, chain[0]) == chain[::-1]
+    assert archive.ancestors_first(store, chain[0]) == chain[::-1]
 
 
 def test_exporting_removes_what_a_killed_export_left(store: Store, line: list[ArtifactId], tmp_path: Path) -> None:

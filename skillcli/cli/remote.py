@@ -1,0 +1,159 @@
+"""Commands about a shared store: upload, download, and the listing of `ls --remote`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from skillcli.cli import complete
+from skillcli.cli.session import Session
+from skillcli.errors import Interrupted
+
+if TYPE_CHECKING:
+    from skillcli.store import Transfer
+    from skillcli.store.remote_index import Catalog, Entry
+
+Remote = Annotated[
+    str, typer.Argument(metavar="REMOTE", help="Address of the shared store: file://, s3://, gs://, sftp:// or hf://.")
+]
+Ids = Annotated[
+    list[str], typer.Argument(metavar="ID…", help="Ids, NAME/STAGE or unique prefixes.", autocompletion=complete.ids)
+]
+TheirIds = Annotated[list[str], typer.Argument(metavar="ID…", help="Ids there, NAME/STAGE or unique prefixes.")]
+
+_COLUMNS = ("id", "made (UTC)", "kB", "here")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the app."""
+    panel = "Store"
+    app.command(rich_help_panel=panel)(upload)
+    app.command(rich_help_panel=panel)(download)
+
+
+def upload(context: typer.Context, remote: Remote, ids: Ids) -> None:
+    """Copy artifacts with all their ancestors to a shared store, and read back what was sent.
+
+    Nothing there is overwritten: an id that is taken by other content gets the next free version.
+    """
+    from skillcli.store import open_remote
+    from skillcli.store import upload as send
+
+    session: Session = context.obj
+    chosen = [session.filled.resolve(text) for text in ids]
+    with _resumable("upload"), session.progress() as on_progress:
+        done = send(session.store, open_remote(remote), chosen, on_progress)
+    session.result(*_transfer(done, remote, "there"))
+
+
+def download(context: typer.Context, remote: Remote, ids: TheirIds) -> None:
+    """Copy artifacts with all their ancestors from a shared store; each is checked before it gets its name.
+
+    Nothing here is overwritten: an id that is taken by other content gets the next free version.
+    """
+    from skillcli.evaluation.consistency import check_meaning
+    from skillcli.store import download as fetch
+    from skillcli.store import open_remote
+
+    session: Session = context.obj
+    with _resumable("download"), session.progress() as on_progress:
+        done = fetch(session.store, open_remote(remote), ids, check_meaning, on_progress)
+    session.result(*_transfer(done, remote, "here"))
+
+
+@contextmanager
+def _resumable(command: str) -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise Interrupted("interrupted", f"what was transferred is whole and kept: `skill {command}` again goes on") from None
+
+
+def _transfer(done: Transfer, remote: str, side: str) -> tuple[Any, ...]:
+    payload = {
+        "remote": remote,
+        "transferred": [str(one) for one in done.transferred],
+        "skipped": [str(one) for one in done.skipped],
+        "renamed": {str(one): str(other) for one, other in done.renamed.items()},
+        "bytes": done.bytes,
+    }
+    renamed = [f"{one} is {other} {side}, where other content has that id" for one, other in done.renamed.items()]
+    counts = f"{len(done.transferred)} transferred ({done.bytes / 1e6:.1f} MB), {len(done.skipped)} already {side}"
+    return payload, *renamed, counts
+
+
+def list_remote(session: Session, remote: str, kind: str, name: str, made: Callable[[str], bool]) -> None:
+    """List a shared store, the newest last; no artifact is opened there.
+
+    Args:
+        session: the context of the command.
+        remote: the address.
+        kind: only this kind; "" for all.
+        name: only these names; * is any.
+        made: whether an artifact of this time is wanted.
+    """
+    from skillcli.store import open_remote
+    from skillcli.store.remote_index import Catalog, nothing_there
+
+    files = open_remote(remote)
+    catalog = Catalog.of(files)
+    if not catalog.entries:
+        raise nothing_there(files.address)
+    if catalog.strangers:
+        session.say(f"not understood there: {len(catalog.strangers)} files, such as {catalog.strangers[0]}", "yellow")
+    chosen = [
+        entry
+        for entry in catalog.entries
+        if (not kind or entry.id.stage == kind) and fnmatchcase(entry.id.name, name) and made(entry.created_utc)
+    ]
+    _print(session, files.address, catalog, chosen)
+
+
+def _print(session: Session, address: str, catalog: Catalog, chosen: list[Entry]) -> None:
+    from rich.table import Table
+
+    from skillcli.cli.store_view import LONG, plain_table
+
+    local: dict[tuple[str, str], str] = {}
+    for header in session.store.headers():
+        for where in (str(header.id), header.id.series):
+            local[where, header.content_sha256] = str(header.id)
+
+    def here(entry: Entry) -> str | None:
+        content = entry.content_sha256
+        return local.get((str(entry.id), content)) or local.get((entry.id.series, content))
+
+    if session.json:
+        listed = [
+            {
+                "id": str(entry.id),
+                "kind": entry.id.stage,
+                "created_utc": entry.created_utc,
+                "bytes": entry.bytes,
+                "content_sha256": entry.content_sha256,
+                "here": here(entry),
+                "whole": catalog.has_file(entry),
+            }
+            for entry in chosen
+        ]
+        session.result({"remote": address, "artifacts": listed})
+        return
+    rows = [_row(entry, here(entry), catalog.has_file(entry)) for entry in chosen]
+    if len(rows) > LONG:
+        session.result({}, plain_table(_COLUMNS, rows))
+        return
+    table = Table()
+    for column in _COLUMNS:
+        table.add_column(column, no_wrap=True, overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    session.result({}, table)
+
+
+def _row(entry: Entry, here: str | None, whole: bool) -> tuple[str, ...]:
+    note = "its file is missing there" if not whole else "yes" if here == str(entry.id) else f"as {here}" if here else ""
+    return str(entry.id), entry.created_utc[:16].replace("T", " "), f"{entry.bytes / 1e3:,.0f}", note
