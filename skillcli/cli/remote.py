@@ -46,8 +46,9 @@ def upload(context: typer.Context, remote: Remote, ids: Ids) -> None:
     session: Session = context.obj
     chosen = [session.filled.resolve(text) for text in ids]
     with _resumable("upload"), session.progress() as on_progress:
-        done = send(session.store, open_remote(remote), chosen, on_progress)
-    session.result(*_transfer(done, remote, "there"))
+        files = open_remote(remote)
+        done = send(session.store, files, chosen, on_progress)
+    session.result(*_transfer(done, files.address, "there"))
 
 
 def download(context: typer.Context, remote: Remote, ids: TheirIds) -> None:
@@ -61,8 +62,9 @@ def download(context: typer.Context, remote: Remote, ids: TheirIds) -> None:
 
     session: Session = context.obj
     with _resumable("download"), session.progress() as on_progress:
-        done = fetch(session.store, open_remote(remote), ids, check_meaning, on_progress)
-    session.result(*_transfer(done, remote, "here"))
+        files = open_remote(remote)
+        done = fetch(session.store, files, ids, check_meaning, on_progress)
+    session.result(*_transfer(done, files.address, "here"))
 
 
 @contextmanager
@@ -73,9 +75,9 @@ def _resumable(command: str) -> Iterator[None]:
         raise Interrupted("interrupted", f"what was transferred is whole and kept: `skill {command}` again goes on") from None
 
 
-def _transfer(done: Transfer, remote: str, side: str) -> tuple[Any, ...]:
+def _transfer(done: Transfer, address: str, side: str) -> tuple[Any, ...]:
     payload = {
-        "remote": remote,
+        "remote": address,
         "transferred": [str(one) for one in done.transferred],
         "skipped": [str(one) for one in done.skipped],
         "renamed": {str(one): str(other) for one, other in done.renamed.items()},

@@ -54,6 +54,7 @@ class LocalFiles:
     def __init__(self, root: Path, address: str) -> None:
         self.root = root
         self.address = address
+        self._tidy: set[Path] = set()
 
     def names(self, folder: str) -> list[str]:
         """See `Files`."""
@@ -89,8 +90,10 @@ class LocalFiles:
             return atomic.create_whole(path, data)
 
     def _with_folder(self, name: str) -> Path:
-        """Return the path of a file in a folder that exists and has no files of killed processes."""
+        """Return the path of a file in a folder that exists; once, remove what killed processes left there."""
         path = self.root / name
+        if path.parent in self._tidy:
+            return path
         with _refusals(f"write {path}"):
             if not self.root.parent.is_dir():  # what is not mounted must not be filled
                 raise StoreError(
@@ -99,6 +102,7 @@ class LocalFiles:
             atomic.make_folder(path.parent)
         with suppress(OSError):
             atomic.sweep(path.parent)
+        self._tidy.add(path.parent)
         return path
 
 

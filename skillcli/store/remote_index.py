@@ -96,6 +96,9 @@ class Catalog:
             known = self._by_id.setdefault(entry.id, {})
             if entry.content_sha256 not in known or not self.has_file(known[entry.content_sha256]):
                 known[entry.content_sha256] = entry
+        self._series: dict[str, list[ArtifactId]] = {}
+        for artifact_id in self._by_id:
+            self._series.setdefault(artifact_id.series, []).append(artifact_id)
 
     @classmethod
     def of(cls, files: Files) -> Catalog:
@@ -122,12 +125,12 @@ class Catalog:
 
     def find(self, artifact_id: ArtifactId, content_sha256: str) -> Entry | None:
         """Find the artifact of a series with this content, under the given id if possible."""
-        series = sorted((one for one in self._by_id if one.series == artifact_id.series), key=lambda one: one != artifact_id)
+        series = sorted(self._series.get(artifact_id.series, ()), key=lambda one: one != artifact_id)
         return next((entry for one in series if (entry := self._by_id[one].get(content_sha256))), None)
 
     def last_version(self, artifact_id: ArtifactId) -> int:
         """Return the highest version number of a series; 0 if there is none."""
-        return max((one.version for one in self._by_id if one.series == artifact_id.series), default=0)
+        return max((one.version for one in self._series.get(artifact_id.series, ())), default=0)
 
     def pick(self, text: str) -> Entry:
         """Resolve what a user typed, as in a store.

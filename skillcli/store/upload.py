@@ -10,7 +10,6 @@ import hashlib
 import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import count
 
 from skillcli.errors import StoreError
 from skillcli.progress import OnProgress, Progress, silent
@@ -58,18 +57,27 @@ def upload(store: Store, files: Files, wanted: Sequence[ArtifactId], on_progress
         on_progress(Progress("upload", number, len(todo), "artifacts", note=str(one)))
         header = store.header(one)
         entry = catalog.find(one, header.content_sha256)
-        if entry and catalog.has_file(entry) and (entry.id == one or catalog.is_other(one, header.content_sha256)):
+        if entry and entry.id != one and not catalog.is_other(one, header.content_sha256):
+            entry = None  # its own id is free
+        if entry and catalog.has_file(entry):
             done.add(one, entry.id, None)
         else:
-            sent = _send(store, files, catalog, header, done.renamed)
+            sent = _send(store, files, catalog, header, entry.id if entry else one, done.renamed)
             done.add(one, sent.id, sent.bytes)
     return done
 
 
-def _send(store: Store, files: Files, catalog: Catalog, header: Header, renamed: Mapping[ArtifactId, ArtifactId]) -> Entry:
+def _send(
+    store: Store,
+    files: Files,
+    catalog: Catalog,
+    header: Header,
+    preferred: ArtifactId,
+    renamed: Mapping[ArtifactId, ArtifactId],
+) -> Entry:
     if problems := store.verify(header.id):
         raise StoreError(f"cannot upload {header.id}: {problems[0]}", f"`skill verify {header.id} --lineage` shows it all")
-    target = _claimed(files, catalog, header)
+    target = _claimed(files, catalog, preferred, header.content_sha256)
     data = _bytes(store, header, target, renamed)
     entry = Entry.of(header, target, hashlib.sha256(data).hexdigest(), len(data))
     if not (catalog.has_object(entry.object) and files.read(entry.object, len(data)) == data):
@@ -82,23 +90,20 @@ def _send(store: Store, files: Files, catalog: Catalog, header: Header, renamed:
     return entry
 
 
-def _claimed(files: Files, catalog: Catalog, header: Header) -> ArtifactId:
-    """Claim the artifact's own id for its content, or the next free version; a claim of a killed upload is found again."""
-    content = header.content_sha256
-    for target in _candidates(catalog, header.id):
+def _claimed(files: Files, catalog: Catalog, preferred: ArtifactId, content: str) -> ArtifactId:
+    """Claim an id for this content, or the next free version; a claim of a killed upload is found again."""
+    for target in _candidates(catalog, preferred):
         if catalog.is_other(target, content):
             continue
-        if files.create(claim(target), content.encode()) or files.read(claim(target), 64) == content.encode():
+        if files.create(claim(target), content.encode()) or files.read(claim(target), len(content)) == content.encode():
             return target
-    raise StoreError(f"{header.id.series} has had its last version at {files.address}", "upload it to another address")
+    raise StoreError(f"{preferred.series} has had its last version at {files.address}", "upload it to another address")
 
 
-def _candidates(catalog: Catalog, artifact_id: ArtifactId) -> Iterator[ArtifactId]:
-    yield artifact_id
-    for version in count(max(catalog.last_version(artifact_id), artifact_id.version) + 1):
-        if version > LAST_VERSION:
-            return
-        yield replace(artifact_id, version=version)
+def _candidates(catalog: Catalog, preferred: ArtifactId) -> Iterator[ArtifactId]:
+    yield preferred
+    for version in range(max(catalog.last_version(preferred), preferred.version) + 1, LAST_VERSION + 1):
+        yield replace(preferred, version=version)
 
 
 def _bytes(store: Store, header: Header, target: ArtifactId, renamed: Mapping[ArtifactId, ArtifactId]) -> bytes:
