@@ -118,7 +118,8 @@ def sftp(known_hosts: Path) -> Iterator[str]:
                 transports.append(transport)
                 transport.add_server_key(key)
                 transport.set_subsystem_handler("sftp", paramiko.SFTPServer, _Folder)
-                transport.start_server(server=_Door())
+                with suppress(paramiko.SSHException):  # the other side did not like our key
+                    transport.start_server(server=_Door())
 
     threading.Thread(target=serve, daemon=True).start()
     try:

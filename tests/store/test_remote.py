@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import multiprocessing
 import os
@@ -382,3 +383,54 @@ def test_what_refuses_is_said_in_one_line(
     assert "does not exist" in said["bucket"].message and "there is no folder" in said["folder"].message
     assert "check the address and the network" in said["network"].hint
     assert not any("\n" in error.message for error in said.values())
+
+
+def test_the_same_run_from_two_machines_is_one_artifact(files: LocalFiles, store: Store, other: Store, make: Make) -> None:
+    one, same = store.write(make("pretrain")), other.write(make("pretrain"))
+    assert one.content_sha256 == same.content_sha256
+    assert store.path(one.id).read_bytes() != other.path(one.id).read_bytes(), "made at another time"
+    before = Catalog.of(files)
+    upload(store, files, [one.id])
+    with pytest.MonkeyPatch.context() as patch:  # the second looked before the first had finished
+        patch.setattr(Catalog, "of", lambda _: before)
+        assert upload(other, files, [one.id]).renamed == {}
+    assert len(files.names(f"{LAYOUT}/index")) == 2 and len(Catalog.of(files).entries) == 1
+
+
+def test_a_full_disk_is_named_on_either_side(
+    files: LocalFiles, store: Store, other: Store, line: list[ArtifactId], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(StoreError, match="No space left") as caught:
+        upload(store, files, [line[0]])
+    assert "the disk of the shared store is full" in caught.value.hint
+    assert Catalog.of(files).entries == [] and not list(files.root.rglob(".tmp*"))
+    monkeypatch.undo()
+    upload(store, files, [line[0]])
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(StoreError, match="No space left") as caught:
+        download(other, files, ["run/pretrain"])
+    assert "--store" in caught.value.hint and other.ids() == [] and not list(other.root.rglob(".tmp*"))
+
+
+def test_a_network_that_fails_is_tried_a_few_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(remote_fsspec, "_PAUSE_SECONDS", 0.0)
+    files = remote_fsspec.FsspecFiles("memory://group", remote_fsspec.Scheme("fsspec", "none", "none"))
+    files.write("index/a", b"")
+    assert files.create("claims/a", b"1") and not files.create("claims/a", b"2") and files.read("claims/a", 9) == b"1"
+    find, failures = files._fs.find, [ConnectionResetError(104, "reset")] * (remote_fsspec.ATTEMPTS - 1)
+
+    def shaky(path: str) -> Any:
+        if failures:
+            raise failures.pop()
+        return find(path)
+
+    monkeypatch.setattr(files._fs, "find", shaky)
+    assert files.names("index") == ["index/a"]
+    failures += [ConnectionResetError(104, "reset")] * remote_fsspec.ATTEMPTS
+    with pytest.raises(StoreError, match=r"cannot list memory://group: .*reset"):
+        files.names("index")
+    assert not failures
