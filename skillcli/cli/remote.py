@@ -21,9 +21,9 @@ Remote = Annotated[
     str, typer.Argument(metavar="REMOTE", help="Address of the shared store: file://, s3://, gs://, sftp:// or hf://.")
 ]
 Ids = Annotated[
-    list[str], typer.Argument(metavar="ID…", help="Ids, NAME/STAGE or unique prefixes.", autocompletion=complete.ids)
+    list[str], typer.Argument(metavar="ID", help="Ids, NAME/STAGE or unique prefixes.", autocompletion=complete.ids)
 ]
-TheirIds = Annotated[list[str], typer.Argument(metavar="ID…", help="Ids there, NAME/STAGE or unique prefixes.")]
+TheirIds = Annotated[list[str], typer.Argument(metavar="ID", help="Ids there, NAME/STAGE or unique prefixes.")]
 
 _COLUMNS = ("id", "made (UTC)", "kB", "here")
 
@@ -38,7 +38,7 @@ def register(app: typer.Typer) -> None:
 def upload(context: typer.Context, remote: Remote, ids: Ids) -> None:
     """Copy artifacts with all their ancestors to a shared store, and read back what was sent.
 
-    Nothing there is overwritten: an id that is taken by other content gets the next free version.
+    Nothing is overwritten there: an artifact whose id other content has gets the next free version.
     """
     from skillcli.store import open_remote
     from skillcli.store import upload as send
@@ -54,7 +54,7 @@ def upload(context: typer.Context, remote: Remote, ids: Ids) -> None:
 def download(context: typer.Context, remote: Remote, ids: TheirIds) -> None:
     """Copy artifacts with all their ancestors from a shared store; each is checked before it gets its name.
 
-    Nothing here is overwritten: an id that is taken by other content gets the next free version.
+    Nothing is overwritten here: an artifact whose id other content has gets the next free version.
     """
     from skillcli.evaluation.consistency import check_meaning
     from skillcli.store import download as fetch

@@ -5,16 +5,16 @@ from __future__ import annotations
 from skillcli.store.archive import export, import_file
 from skillcli.store.artifact import Artifact, Draft, Header, Parent, Unreadable, content_hash
 from skillcli.store.checkpoint import load_checkpoint, remove_checkpoint, save_checkpoint
-from skillcli.store.download import download
 from skillcli.store.gc import Garbage, collect_garbage, find_garbage
 from skillcli.store.ids import STAGES, ArtifactId
 from skillcli.store.listing import Listing
 from skillcli.store.lock import Owner, unlock
 from skillcli.store.receive import Imported
+from skillcli.store.remote_download import download
 from skillcli.store.remote_files import Files
 from skillcli.store.remote_fsspec import open_remote
+from skillcli.store.remote_upload import Transfer, upload
 from skillcli.store.store import Store
-from skillcli.store.upload import Transfer, upload
 
 __all__ = [
     "STAGES",

@@ -65,7 +65,7 @@ def test_a_listing_of_thousands_opens_no_artifact(tmp_path: Path) -> None:
 
 def test_ctrl_c_ends_with_130_and_says_that_it_goes_on(chain: Path, tmp_path: Path) -> None:
     code = (
-        "import sys, skillcli.store.upload as u\n"
+        "import sys, skillcli.store.remote_upload as u\n"
         "def wait(*_): print('sending', file=sys.stderr, flush=True); import time; time.sleep(60)\n"
         "u._send = wait\n"
         "from skillcli.cli.main import main\n"

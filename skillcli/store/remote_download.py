@@ -22,8 +22,8 @@ from skillcli.store.quarantine import MAX_FILE_BYTES
 from skillcli.store.receive import check_file, keep, same
 from skillcli.store.remote_files import Files
 from skillcli.store.remote_index import Catalog, Entry
+from skillcli.store.remote_upload import Transfer
 from skillcli.store.store import Store
-from skillcli.store.upload import Transfer
 
 Key = tuple[ArtifactId, str]  # an id there, and a content hash
 
