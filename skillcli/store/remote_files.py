@@ -92,17 +92,16 @@ class LocalFiles:
     def _with_folder(self, name: str) -> Path:
         """Return the path of a file in a folder that exists; once, remove what killed processes left there."""
         path = self.root / name
-        if path.parent in self._tidy:
-            return path
         with _refusals(f"write {path}"):
             if not self.root.parent.is_dir():  # what is not mounted must not be filled
                 raise StoreError(
                     f"cannot write to {self.address}: there is no folder {self.root.parent}", "create it, or check the address"
                 )
             atomic.make_folder(path.parent)
-        with suppress(OSError):
-            atomic.sweep(path.parent)
-        self._tidy.add(path.parent)
+        if path.parent not in self._tidy:
+            self._tidy.add(path.parent)
+            with suppress(OSError):
+                atomic.sweep(path.parent)
         return path
 
 
