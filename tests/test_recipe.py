@@ -1,5 +1,6 @@
 from pathlib import Path
 
+import numpy as np
 import pytest
 from ranges import log_uniform, one_of, uniform
 
@@ -23,6 +24,20 @@ def test_every_shipped_recipe_loads_under_its_name_and_says_what_it_is_for(name:
     recipe = load_recipe(name)
     assert recipe.name == name and recipe.description
     assert resolve(recipe.model_dump(mode="json")) == recipe, "what is stored resolves to the same recipe"
+
+
+def test_an_arm_like_the_recorded_one_is_met_in_training() -> None:
+    recipe, recorded = (
+        load_recipe("reach-recorded"),
+        load_recipe("reach", ["randomisation=sawyer-recorded"]).randomisation.ranges,
+    )
+    assert recipe.task.observe_command and recipe.randomisation.ranges["latency"] == recorded["latency"]
+    for name in ("command_response", "gain", "joint_damping", "joint_friction", "link_mass", "gravity_compensation"):
+        low, high = recipe.randomisation.ranges[name].values
+        lowest, highest = np.array(recorded[name].values).reshape(2, -1)
+        middle = (lowest + highest) / 2  # of each joint
+        assert (low <= middle).all() and (middle <= high).all(), name
+    assert recipe.randomisation.ranges["command_restart"].values[1] == recorded["command_restart"].values[0] == 1.0
 
 
 def test_the_promised_recipes_are_shipped() -> None:
