@@ -111,11 +111,13 @@ def _payload(robot: Robot) -> dict[str, Any]:
     import numpy as np
 
     rows = []
-    for name, joint, speed in zip(robot.description.joints, robot.names.joints, robot.speed_limit, strict=True):
+    limits = zip(robot.speed_limit, robot.acceleration_limit, strict=True)
+    for name, joint, fastest in zip(robot.description.joints, robot.names.joints, limits, strict=True):
         found = robot.model.joint(joint)
         limited = bool(robot.model.jnt_limited[found.id])
         low, high = (float(x) for x in found.range) if limited else (None, None)
-        rows.append({"name": name, "low": low, "high": high, "speed": float(speed) if np.isfinite(speed) else None})
+        speed, acceleration = (float(limit) if np.isfinite(limit) else None for limit in fastest)
+        rows.append({"name": name, "low": low, "high": high, "speed": speed, "acceleration": acceleration})
     return {
         "name": robot.name,
         "description": robot.description.description,
@@ -147,13 +149,14 @@ def _sheet(robot: Robot, png: Path | None) -> Group:
     from rich.text import Text
 
     found = _payload(robot)
-    table = Table("joint", "low", "high", "speed", "kp", "kv", "torque", "home")
+    table = Table("joint", "low", "high", "speed", "accel.", "kp", "kv", "torque", "home")
     for joint, servo, home in zip(found["joints"], found["servos"], found["home"], strict=True):
-        numbers = [joint["low"], joint["high"], joint["speed"], servo["kp"], servo["kv"], servo["force"], home]
+        limits = [joint["low"], joint["high"], joint["speed"], joint["acceleration"]]
+        numbers = [*limits, servo["kp"], servo["kv"], servo["force"], home]
         table.add_row(joint["name"], *("–" if number is None else f"{number:.4g}" for number in numbers))
     room = robot.workspace
     lines = [
-        "rad, rad/s, N·m/rad, N·m·s/rad, N·m; –: no limit is known",
+        "rad, rad/s, rad/s², N·m/rad, N·m·s/rad, N·m; –: no limit is known",
         f"the finger reaches {room.reach:.2f} m from ({', '.join(f'{x:g}' for x in room.shoulder)})",
         *(f"note: {note}" for note in robot.notes),
         *([f"drawn: {png}"] if png else []),

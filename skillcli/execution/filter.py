@@ -64,7 +64,7 @@ class Limits:
         trained = arms.action_limit / period  # rad/s
         speed = np.where(np.isfinite(robot.speed_limit), robot.speed_limit, trained)
         # a policy may turn round within a step: a motion at its full speed becomes one at full speed back
-        acceleration = np.full(len(low), 2 * trained / period)
+        acceleration = np.where(np.isfinite(robot.acceleration_limit), robot.acceleration_limit, 2 * trained / period)
         return Limits(low, high, share * speed, share * acceleration, ArmBatch.MAX_TRACKING_ERROR)
 
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
-from pydantic import ValidationError, field_validator, model_validator
+from pydantic import ValidationError, ValidationInfo, field_validator, model_validator
 
 from skillcli.config.base import Joints, Section, Vector3, value
 from skillcli.config.explain import complaint
@@ -98,17 +98,20 @@ class Description(Section):
     start: Joints | None = value(None, "joint vector at reset", "rad")
     starts: dict[str, Joints] = value({}, "joint vector at reset of single tasks, where it is another one", "rad")
     speed_limit: Joints | None = value(None, "largest speed of each joint, of the arm's own data sheet", "rad/s")
+    acceleration_limit: Joints | None = value(
+        None, "largest acceleration of each joint that an execution asks for, of the arm's own data sheet", "rad/s²"
+    )
     timestep: float | None = value(
         None, "of the physics; by default the model's own", "s", ge=SHORTEST_TIMESTEP, le=LONGEST_TIMESTEP, strict=True
     )
     base: Frame = Frame()
     workspace: Workspace | None = value(None, "where the finger can be; by default worked out from the model", "")
 
-    @field_validator("speed_limit")
+    @field_validator("speed_limit", "acceleration_limit")
     @classmethod
-    def _positive(cls, given: Joints | None) -> Joints | None:
+    def _positive(cls, given: Joints | None, info: ValidationInfo) -> Joints | None:
         if given is not None and min(given, default=1.0) <= 0:
-            raise ValueError("every speed must be positive")
+            raise ValueError(f"every {str(info.field_name).removesuffix('_limit')} must be positive")
         return given
 
     @field_validator("joints", "actuators")
@@ -131,6 +134,7 @@ class Description(Section):
     @model_validator(mode="after")
     def _one_of_each_joint(self) -> Description:
         given = {"start": self.start, "speed_limit": self.speed_limit, "actuators": self.actuators}
+        given["acceleration_limit"] = self.acceleration_limit
         given |= {f"starts.{task}": start for task, start in self.starts.items()}
         if self.gains is not None:
             given |= {"gains.kp": self.gains.kp, "gains.kv": self.gains.kv, "gains.force": self.gains.force}

@@ -48,6 +48,7 @@ class Robot:
         names: what the arm calls its parts.
         home: default joint vector at reset, (n,) rad.
         speed_limit: largest speed of each joint, (n,) rad/s; infinite if its file leaves it out.
+        acceleration_limit: largest acceleration of each joint, (n,) rad/s²; infinite if its file leaves it out.
         workspace: where the finger can be.
         notes: what was changed or left out in the model, one line each.
         fingerprint: SHA-256 over the robot file and the imported model, without paths.
@@ -62,6 +63,7 @@ class Robot:
     names: Names
     home: tuple[float, ...]
     speed_limit: Array
+    acceleration_limit: Array
     workspace: Workspace
     notes: tuple[str, ...]
     fingerprint: str
@@ -203,7 +205,7 @@ def build_robot(path: Path, name: str, source: Robot | None = None) -> Robot:
     Args:
         path: of the file.
         name: of the robot.
-        source: the robot whose skills it is to play, of the same build; its start and speed limits stand in for missing ones.
+        source: the robot whose skills it is to play, of the same build; its start and limits stand in for missing ones.
 
     Raises:
         UsageError: file or model are invalid, or do not fit.
@@ -236,6 +238,7 @@ def _taken_as_it_is(path: Path, name: str, description: Description, source: Rob
         names=names,
         home=description.start or (0.0,) * len(names.joints),
         speed_limit=_speed_limit(description, None),
+        acceleration_limit=_acceleration_limit(description, None),
         workspace=description.workspace or posture.workspace(model, names),
         notes=tuple(notes),
         fingerprint=fingerprint(scene),
@@ -277,6 +280,7 @@ def _imported(path: Path, name: str, description: Description, source: Robot | N
         names=names,
         home=home,
         speed_limit=_speed_limit(description, source),
+        acceleration_limit=_acceleration_limit(description, source),
         workspace=description.workspace or posture.workspace(model, names),
         notes=tuple(notes),
         fingerprint=_fingerprint(description, scene, model),
@@ -290,6 +294,12 @@ def _speed_limit(description: Description, source: Robot | None) -> Array:
     if description.speed_limit is not None:
         return np.array(description.speed_limit)
     return source.speed_limit if source is not None else np.full(len(description.joints), np.inf)
+
+
+def _acceleration_limit(description: Description, source: Robot | None) -> Array:
+    if description.acceleration_limit is not None:
+        return np.array(description.acceleration_limit)
+    return source.acceleration_limit if source is not None else np.full(len(description.joints), np.inf)
 
 
 def _check_timestep(description: Description, own: float) -> None:
@@ -309,7 +319,8 @@ _LATER = ("description", "verbatim", "starts", "speed_limit", "workspace")  # ke
 
 def _fingerprint(description: Description, scene: mujoco.MjSpec, model: mujoco.MjModel) -> str:
     later = {key for key in _LATER if key not in description.model_fields_set}  # older files keep their fingerprint
-    said = description.model_dump(mode="json", exclude={"model", *later})
+    # what only an execution keeps to changes nothing of what is trained and simulated
+    said = description.model_dump(mode="json", exclude={"model", "acceleration_limit", *later})
     text = re.sub(r'(file|meshdir|texturedir)="[^"]*"', "", scene.to_xml())  # paths do not count
     digest = hashlib.sha256(json.dumps([said, text], sort_keys=True).encode())
     digest.update(model.mesh_vert.tobytes())  # contents do

@@ -29,6 +29,7 @@ def test_a_robot_is_shown_with_its_limits_and_drawn(tmp_path: Path) -> None:
 def test_a_robot_file_is_shown_with_what_it_does_not_say(tmp_path: Path) -> None:
     shown = skill("--json", "robots", "show", str(TORQUE)).json
     assert shown["name"] == "torque" and shown["joints"][0]["speed"] is None and shown["finger"] == "ours"
+    assert shown["joints"][0]["acceleration"] is None, "it does not say"
     assert skill("robots", "show", str(TORQUE)).out.count("base_yaw") == 1
 
 

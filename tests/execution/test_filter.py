@@ -9,6 +9,9 @@ from hypothesis import strategies as st
 
 from skillcli.execution.driver import JointState
 from skillcli.execution.filter import LIMITED, Limits, SafetyFilter
+from skillcli.recipe import load_recipe
+from skillcli.simulation.arm_environment import ArmEnvironment
+from skillcli.tasks.world import World
 from skillcli.trajectories import Array
 
 PERIOD = 0.05
@@ -59,6 +62,16 @@ def test_a_joint_brakes_in_time_and_stops_at_the_end_of_its_range() -> None:
     steps = np.diff(path)
     assert max(path) <= 1.0 and path[-1] == pytest.approx(1.0)
     assert np.abs(np.diff(steps)).max() <= 0.02 + 1e-9
+
+
+def test_accelerations_are_those_of_the_robot_file_else_a_turn_round_within_a_step() -> None:
+    for recipe, expected in (("reach-panda", [15, 7.5, 10, 12.5, 15, 20, 20]), ("reach", [2 * 0.04 / PERIOD**2] * 7)):
+        world = World.of(load_recipe(recipe))
+        env = world.make_env(1, threads=1)
+        assert isinstance(env, ArmEnvironment)
+        for share in (1.0, 0.2):
+            limits = Limits.of(world.robot, env.arms, PERIOD, share)
+            assert limits.acceleration == pytest.approx(share * np.array(expected))
 
 
 def test_a_target_leads_its_joint_by_no_more_than_the_lead() -> None:

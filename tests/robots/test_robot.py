@@ -382,6 +382,8 @@ REFUSED = [
     ("joints =", MODEL, "cannot be read", "TOML"),
     (TORQUE.replace("torque.xml", "x" * 5000), MODEL, "model: no file", "relative to the robot file"),
     ("speed_limit = [1, 1, 1, 0, 1, 1, 1]\n" + TORQUE, MODEL, "speed_limit: every speed must be positive", "robots.md"),
+    ("acceleration_limit = [1, 1, -1, 1, 1, 1, 1]\n" + TORQUE, MODEL, "every acceleration must be positive", "robots.md"),
+    ("acceleration_limit = [1, 1]\n" + TORQUE, MODEL, "acceleration_limit: expected 7 values, one for each joint", "robots.md"),
     (TORQUE + "\n[base]\npos = [1e3, 0, 0]", MODEL, "base: pos must lie within 10 m", "robots.md"),
     *((TORQUE, MODEL.replace(old, new), said, "fix the MJCF file") for old, new, said in (
         ('armature="0.6"', 'armature="nan"', "not finite, or absurd, in dof_armature"),
@@ -486,6 +488,13 @@ def test_joint_speeds_are_judged_by_the_robots_own_data_sheet(tmp_path: Path) ->
     assert found == [[True, False], [False, False]]
     assert usual.summary["own_speed_limit"] is False and usual.summary["speed_limit"] == list(SAWYER.speed_limit)
     assert slow.summary["speed_limit"][0] == 0.1 and slow.fingerprint != usual.fingerprint
+
+
+def test_an_acceleration_limit_is_for_executions_and_leaves_the_robot_the_same(tmp_path: Path) -> None:
+    usual = target_robot(described(tmp_path))
+    gentle = target_robot(described(tmp_path, "acceleration_limit = [1, 2, 3, 4, 5, 6, 7]\n" + TORQUE))
+    assert gentle.acceleration_limit.tolist() == [1, 2, 3, 4, 5, 6, 7] and np.isinf(usual.acceleration_limit).all()
+    assert gentle.fingerprint == usual.fingerprint, "skills that were trained on it are still its skills"
 
 
 def chain_of(*links: tuple[float, float, float]) -> str:
