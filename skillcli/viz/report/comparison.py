@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from skillcli.kinds import COMPOSE, EMBED_MEANS, EXECUTION, PRETRAIN, TRANSFER_EVAL
+from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL
 from skillcli.kinds.compose import ComposeResults
 from skillcli.kinds.outcome import Outcome
 from skillcli.metrics import angle_deg
 from skillcli.viz.report import paper
 from skillcli.viz.report.content import Number, Row, Table
+from skillcli.viz.report.executions import NOTE as EXECUTED
+from skillcli.viz.report.executions import executed
 from skillcli.viz.report.selection import Exhibit, Material
 
 Goal = tuple[float, ...]
@@ -40,9 +42,7 @@ def tables(material: Material) -> list[Table]:
             list(_transfer(material)),
             f"“holds” is said from {HOLDS:.0%} of the source's success on. Interval: Wilson, 95 %.",
         ),
-        Table(
-            "Executed in real time", list(_executed(material)), "Distances as the arm's own sensors show them. Wilson, 95 %."
-        ),
+        Table("Executed in real time", list(executed(material)), EXECUTED),
         Table("Interpolation", list(_interpolation(material)), "Error: fraction of the way against the latent's share."),
         Table("Training", list(_training(material)), "Of our own; the paper gives no counterpart."),
     ]
@@ -166,18 +166,6 @@ def _transfer(material: Material) -> Iterator[Row]:
     for one in material.find(TRANSFER_EVAL, where=lambda one: not _bare(one)):
         parent = one.artifact.parents[0].id if one.artifact.parents else one.artifact.id
         yield from _domains(one, paper.TRANSFER.get(one.scene.task, ""), str(parent))
-
-
-def _executed(material: Material) -> Iterator[Row]:
-    for one in material.find(EXECUTION):
-        found = EXECUTION.results_of(one.artifact)
-        median = found.final_distance_m.median
-        ended = "" if median is None else f", median {_cm(median)}"
-        text = f"{found.successes} of {found.episodes} ({_interval(found)}){ended}"
-        arm = found.driver if found.domain is None else f"{found.driver}, {found.domain}"
-        verdict = "" if found.stopped is None else f"stopped: {found.stopped.reason}"
-        what = f"{one.artifact.parents[0].id} on {found.robot.name} ({arm})"
-        yield Row(what, "", Number(text, one.id, "results.final_distance_m"), verdict)
 
 
 def _interpolation(material: Material) -> Iterator[Row]:

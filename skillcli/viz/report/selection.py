@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from skillcli.errors import SkillError, StoreError
-from skillcli.kinds import AnyKind, kind_spec
+from skillcli.kinds import EXECUTION, AnyKind, kind_spec
 from skillcli.robots.config import is_path
 from skillcli.store import Artifact, ArtifactId, Header, Store
 from skillcli.viz.loading import scene_of
@@ -125,20 +125,22 @@ def _asked(store: Store, ids: Sequence[ArtifactId]) -> list[ArtifactId]:
 def _newest(headers: Sequence[Header]) -> Iterator[ArtifactId]:
     """Return the newest artifact of every library and kind; of kinds without skills, the newest for each parent.
 
-    References come first, then libraries with more descendants.
+    Every execution is another experiment, so all of them are returned, last. References come first, then libraries with more
+    descendants.
     """
     kinds: dict[str, set[str]] = {}
     for header in headers:
         kinds.setdefault(header.id.name, set()).add(header.kind)
 
-    def rank(header: Header) -> tuple[bool, int]:
-        return not header.id.name.startswith(PREFERRED), -len(kinds[header.id.name])
+    def rank(header: Header) -> tuple[bool, bool, int]:
+        return header.kind == EXECUTION.name, not header.id.name.startswith(PREFERRED), -len(kinds[header.id.name])
 
     seen = set()
     newest_first = headers[::-1]
     for header in sorted(newest_first, key=rank):
         several = not kind_spec(header.kind).holds("skills") and header.inputs_sha256
-        key = (header.id.name, header.kind, header.inputs_sha256 if several else "")
+        one_of_many = str(header.id) if header.kind == EXECUTION.name else header.inputs_sha256 if several else ""
+        key = (header.id.name, header.kind, one_of_many)
         if key not in seen:
             seen.add(key)
             yield header.id
