@@ -50,6 +50,9 @@ def identify(
             "--action-limit", help="Increments of a log are clipped to this, rad; 0.04 by default.", min=1e-4, max=0.2
         ),
     ] = None,
+    relative: Annotated[
+        bool, typer.Option("--relative", help="Angles count from an unknown start: find it from the gripper positions.")
+    ] = False,
     threads: Annotated[
         int, typer.Option("--threads", help="Threads of the physics, 0 for all cores; same results.", min=0, max=1024)
     ] = 0,
@@ -59,6 +62,7 @@ def identify(
 
     from skillcli.execution.identify.domain_text import domain_name, domain_text
     from skillcli.execution.identify.identify import identify as fit
+    from skillcli.execution.identify.relative import counts_from_start, from_start
     from skillcli.execution.log_files import is_log_file
     from skillcli.files import replacing
     from skillcli.robots.robot import load_robot
@@ -68,6 +72,10 @@ def identify(
         raise UsageError(f"a domain file is TOML, got {str(output)!r}", "end its name in .toml")
     arm = load_robot(robot)
     log = _read(session, source, arm, period)
+    if relative:
+        log = from_start(log, arm)
+    elif counts_from_start(log, arm):
+        session.say("every episode begins with all joints at zero: if the angles count from the start, give --relative")
     for note in log.notes:
         session.say(note)
     with session.progress() as on_progress:
