@@ -47,17 +47,14 @@ def execute(
         typer.Option("--domain", help="Simulated robots are drawn from it, see `skill domains`.", metavar="NAME|FILE"),
     ] = None,
     speed: Annotated[float | None, typer.Option("--speed", help="Simulated seconds in a second.", min=0.01, max=100.0)] = None,
-    replan: Annotated[bool, typer.Option("--replan", help="Plan again on the way; not possible in real time yet.")] = False,
+    replan: Annotated[
+        bool, typer.Option("--replan", help="After every segment, look where the arm is and plan again; it holds meanwhile.")
+    ] = False,
     seed: Seed = 0,
     name: Name = None,
 ) -> None:
     """Execute a composition, or bare skills, on an arm: simulated in real time, or a real one (stage 3)."""
     session: Session = context.obj
-    if replan:
-        raise UsageError(
-            "execute cannot plan again on the way: planning takes longer than a control step",
-            "leave --replan out; `skill transfer-eval --replan` shows what it would do",
-        )
     settings = _settings(driver, driver_settings, {"domain": domain, "speed": speed})
     from skillcli.kinds import EXECUTION
 
@@ -74,7 +71,7 @@ def execute(
         other = load_target(robot, load_robot(stored_recipe(session.store.read(found)).robot))
         for note in other.notes:
             session.say(f"{robot}: {note}")
-    asked = Asked(episodes=episodes, share=max_speed, home=home, dry=dry_run)
+    asked = Asked(episodes=episodes, share=max_speed, home=home, dry=dry_run, replan=replan)
     with session.progress() as on_progress:
         artifact = stage(
             session.store, found, Via(driver, settings, other), asked, _asking(session, yes), session.command, checked(name),

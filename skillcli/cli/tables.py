@@ -239,7 +239,8 @@ def _sensitivity(domain: DomainResults) -> Table | None:
 @TABLES.register(EXECUTION)
 def execution(artifact: Artifact) -> Group:
     """Tell how an execution went."""
-    found, clock = EXECUTION.results_of(artifact), EXECUTION.measured_of(artifact).deadlines
+    found, measured = EXECUTION.results_of(artifact), EXECUTION.measured_of(artifact)
+    clock = measured.deadlines
     table = _table("arm", "success", "95 %", "median", "p90", "filtered steps", "late", "99 % within")
     arm = found.robot.name if found.domain is None else f"{found.robot.name}, simulated: {found.domain}"
     table.add_row(
@@ -248,6 +249,9 @@ def execution(artifact: Artifact) -> Group:
         f"{clock.p99_ms:.1f} ms",
     )  # fmt: skip
     said = ["nothing was sent: a dry run"] if found.dry_run else []
+    if found.replanned:
+        took = f", {measured.seconds_per_plan:.2f} s for each plan" if measured.seconds_per_plan else ""
+        said.append(f"with replanning{took}" + (f"; gave up in {found.gave_up} episodes" if found.gave_up else ""))
     if found.max_speed < 1:
         said.append(f"at {found.max_speed:.0%} of the usual speed")
     if found.filtered:

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from skillcli import metrics
 from skillcli.composition.latent_environment import LatentEnvironment
 from skillcli.composition.mpc import ModelPredictiveControl, MpcSettings, mpc_from
 from skillcli.composition.plan import Segment
@@ -25,26 +24,22 @@ from skillcli.evaluation.identification import Identification
 from skillcli.evaluation.library import Library
 from skillcli.evaluation.planning import problem_of
 from skillcli.evaluation.reflex import Reflex
+from skillcli.evaluation.replanned_episode import LONGEST, MARGIN, Prospect, ReplannedEpisode, Sighting
 from skillcli.evaluation.rollouts import met, rollout_closed_loop
 from skillcli.evaluation.sampled_robots import SampledRobots
+from skillcli.kinds import COMPOSE
 from skillcli.recipe import Recipe
 from skillcli.seeding import generator
 from skillcli.simulation.arm_environment import ArmEnvironment
 from skillcli.simulation.environment import Environment, StateEstimate
+from skillcli.store import Artifact
 from skillcli.trajectories import Array, Trajectories
 
-MARGIN = 0.8  # of the tolerance of success: sensors are off by millimetres
 ARM_LIMITS = 3  # number of limits of an arm without an object; limits of the object follow
 PLANNED_LIMITS = ("box_pressed", "box_tipped")  # limits that a plan keeps; sensor noise alone may violate those of the arm
 # Contact friction of the robots that must keep these limits too: a box tips more easily where friction is high.
 FRICTION = np.array([0.6, 1.0, 1.4, 1.4])
 SAG_STD = 0.01  # rad, std of the resting offset of their joints
-PATIENCE = 0.5  # of an episode's time spent on reaching the planner's goal tolerance; afterwards the task's tolerance is enough
-FIRST_LOOK = 4  # control steps before the first replanning, because nothing is known of the target yet
-PROGRESS = 0.01  # m, by which an episode must have come nearer to be given more time
-LONGEST = 3  # times its own time, an episode that still comes nearer
-EXPECTED_ERROR = 0.01  # m, expected error of a plan before the first measurement
-SPEED_WINDOW = 2  # control steps over which the speed of the achieved goal is measured: over one, noise would dominate
 
 
 @dataclass
@@ -60,33 +55,16 @@ class Effort:
         return self.seconds / self.plans if self.plans else None
 
 
-@dataclass(frozen=True)
-class Prospect:
-    """The next segment, and its predicted result."""
-
-    segment: Segment
-    place: Array  # (3,) m, predicted achieved goal after the segment
-    to_go: float  # m, way that is still to go once the whole plan has been executed
-
-
 class Replanner:
     """Plans repeatedly, in its own simulations, for a target that it knows only through sensors.
 
     Args:
         library: the skills.
         recipe: settings of planner and replanning.
-        method: a method that can plan again during an episode.
-
-    Raises:
-        UsageError: the method cannot.
+        method: a method that can plan again during an episode, see `method_of`.
     """
 
     def __init__(self, library: Library, recipe: Recipe, method: str) -> None:
-        if not method_spec(method).replans:
-            raise UsageError(
-                f"a plan of --method {method} cannot be made again during an episode",
-                f"--replan goes with {' or '.join(replanning())}",
-            )
         robots = SampledRobots({"latency": np.zeros(1)})
         problem = problem_of(library, recipe, method, np.zeros((0, 3)), robots)
         settings = problem.settings
@@ -113,9 +91,8 @@ class Replanner:
             several = SampledRobots({"latency": np.zeros(len(FRICTION)), "contact_friction": FRICTION}, len(FRICTION))
             self._others = several.make_env(library.world, len(self._choices.latent))
             self._elsewhere = LatentEnvironment(self._others, self.act, len(FRICTION), PLANNED_LIMITS)
-        self.reflex: Reflex | None = None
-        if isinstance(self._simulations, ArmEnvironment) and self._simulations.violations().shape[1] > ARM_LIMITS:
-            self.reflex = Reflex(self._simulations)
+        self._rng = np.random.default_rng(0)
+        self.reflex = reflex_of(self._simulations)
         self._without_limits = LatentEnvironment(self._simulations, self.act)
         self._longest = problem.steps(longest)
 
@@ -129,28 +106,48 @@ class Replanner:
             seed: of random methods.
         """
         target.desired_goal[:] = waypoints[-1]
-        self._known.reset()
-        self._set_latency(self._known.latency)
-        mission = ReplannedEpisode(self, target, waypoints, steps, generator(seed, "replanning"))
+        self.begin(seed)
+        mission = ReplannedEpisode(self, target, waypoints, steps)
         recording, _ = rollout_closed_loop(target, mission.act, mission.condition, LONGEST * steps)
         if mission.gave_up():
             recording = replace(recording, gave_up=np.ones(1, dtype=bool))
         return recording.with_success(recording.success & met(recording, [waypoints], target.tolerance))
 
-    def let_go(self, seen: StateEstimate) -> Array | None:
-        """Return the action that releases a box that begins to tip, (1, J); None if there is nothing to release."""
-        return None if self.reflex is None else self.reflex.action(seen, self._known.sag)
+    def begin(self, seed: int) -> None:
+        """Begin with another target, of which nothing is known."""
+        self._known.reset()
+        self._set_latency(self._known.latency)
+        self._rng = generator(seed, "replanning")
+
+    def ask(self, sighting: Sighting) -> None:
+        """See `Adviser`: the answer is there at once."""
+        self.update(sighting.begun, sighting.applied, sighting.measured)
+        self._answer = self.next(sighting.seen, sighting.waypoints, self._rng)
+
+    def answer(self) -> Prospect | None:
+        """See `Adviser`."""
+        return self._answer
+
+    @property
+    def latent_size(self) -> int:
+        """See `Adviser`."""
+        return int(self.problem.mean.shape[1])
+
+    @property
+    def sag(self) -> Array:
+        """See `Adviser`."""
+        return self._known.sag
 
     @property
     def goal_tolerance(self) -> float:
-        """Distance at which the episode may stop, as the sensors tell it, m."""
+        """See `Adviser`."""
         own = self.problem.settings
         assert isinstance(own, SearchSettings | MpcSettings)
         return own.goal_tolerance
 
     @property
     def final_speed(self) -> float:
-        """Highest speed at which the episode may stop, m/s; 0 for any."""
+        """See `Adviser`."""
         own = self.problem.settings
         return own.final_speed if isinstance(own, SearchSettings) else 0.0
 
@@ -211,122 +208,25 @@ class Replanner:
         return Expansions(search, settings.replan_batch)
 
 
-class ReplannedEpisode:
-    """One running episode: the waypoints met so far, and the segment being held."""
+def reflex_of(env: Environment) -> Reflex | None:
+    """Return the reflex of an arm with an object that can tip, None for others; it uses the first simulation of `env`."""
+    return Reflex(env) if isinstance(env, ArmEnvironment) and env.violations().shape[1] > ARM_LIMITS else None
 
-    def __init__(
-        self, replanner: Replanner, target: Environment, waypoints: Array, steps: int, rng: np.random.Generator
-    ) -> None:
-        self._replanner, self._target, self._waypoints, self._rng = replanner, target, waypoints, rng
-        self._steps, self._patience = steps, round(PATIENCE * steps)  # control steps
-        self._next_waypoint = 0  # index of the waypoint to meet next
-        self._nearest, self._nearest_at = np.inf, 0  # m, smallest distance to it, and after how many control steps
-        self._prospect: Prospect | None = None
-        self._errors: list[float] = []  # m, distance between measured and predicted achieved goal after each segment
-        self._held, self._left = 0, 0  # control steps that the segment was held, and is still to be held
-        self._first_plan_made, self._failed = False, False
-        self._path: list[Array] = []  # (3,) m, estimated achieved goal at each step
-        self._begun: Array = np.zeros((1, 0))  # estimated state at the start of the segment
-        self._applied: list[Array] = []
-        self._measured: list[Array] = []  # joint angles after each step of the segment
-        self._letting_go: Array | None = None  # (1, J) action of the reflex, which replaces the policy's
-        if replanner.reflex is not None:
-            replanner.reflex.reset(target.estimate_state())
 
-    def act(self, observation: Array, latent: Array) -> Array:
-        """Return the action of the policy, or of the reflex if the box begins to tip."""
-        if self._letting_go is not None:
-            return self._letting_go
-        action: Array = self._replanner.act(observation, latent)
-        return action
+def method_of(source: Artifact) -> str:
+    """Return the method by which a plan can be made again during an episode.
 
-    def condition(self, _: int, failed: Array) -> tuple[Array, Array, Array] | None:
-        """See `rollout_closed_loop`."""
-        if failed[0]:
-            self._failed = True
-            return None
-        seen = self._target.estimate_state()
-        self._path.append(seen.achieved_goal[0])
-        if len(self._path) > 1 and self._letting_go is None:
-            self._applied.append(self._target.applied[0].copy())
-            self._measured.append(seen.state[0, : self._target.joints])
-        self._letting_go = self._replanner.let_go(seen)
-        if self._letting_go is not None:  # the reflex holds no latent, and a new plan begins after it
-            self._prospect, self._left, self._applied, self._measured = None, 0, [], []
-            return np.zeros((1, self._replanner.problem.mean.shape[1])), np.array([-1]), np.array([True])
-        if self._arrived() or self._time_is_up():
-            return None
-        if self._left == 0 and not self._go_on(seen):
-            return None
-        assert self._prospect is not None
-        segment = self._prospect.segment
-        latent = segment.latents[self._held]
-        self._held, self._left = self._held + 1, self._left - 1
-        return latent[None], np.array([segment.skill]), np.array([True])
-
-    def _go_on(self, seen: StateEstimate) -> bool:
-        """Plan again; return whether the new segment is worth executing."""
-        if self._prospect is not None and self._held == self._prospect.segment.steps:
-            self._errors.append(float(np.linalg.norm(seen.achieved_goal[0] - self._prospect.place)))
-        self._identify(seen)
-        self._prospect = self._replanner.next(seen, self._waypoints[self._next_waypoint :], self._rng)
-        self._held, self._left = 0, self._prospect.segment.steps
-        if not self._first_plan_made:
-            self._left, self._first_plan_made = min(self._left, FIRST_LOOK), True
-        return not (len(self._path) > 1 and self._near() and self._hopeless())
-
-    def _time_is_up(self) -> bool:
-        """Note how near the waypoint is; return whether all the time has passed, and that of one waypoint without progress."""
-        passed = len(self._path) - 1
-        if self._gap() < self._nearest - PROGRESS:
-            self._nearest, self._nearest_at = self._gap(), passed
-        return passed >= self._steps and passed - self._nearest_at >= self._steps // len(self._waypoints)
-
-    def gave_up(self) -> bool:
-        """Return whether time ran out while the achieved goal still seemed too far from the target."""
-        self._path.append(self._target.estimate_state().achieved_goal[0])
-        return not self._failed and not self._near()
-
-    def _near(self) -> bool:
-        """Whether the achieved goal is within the task's tolerance of the last waypoint."""
-        return self._next_waypoint == len(self._waypoints) - 1 and self._gap() <= MARGIN * self._target.tolerance
-
-    def _hopeless(self) -> bool:
-        """Whether the plan is expected to end no nearer than the present position, given the errors of earlier plans."""
-        assert self._prospect is not None
-        spread = float(np.sqrt(np.mean(np.square([EXPECTED_ERROR, *self._errors]))))
-        return float(np.hypot(self._prospect.to_go, spread)) >= self._gap()
-
-    def _gap(self) -> float:
-        """Return the estimated distance to the next waypoint, m."""
-        return float(np.linalg.norm(self._path[-1] - self._waypoints[self._next_waypoint]))
-
-    def _identify(self, seen: StateEstimate) -> None:
-        """Identify the target from the segment that has just ended."""
-        self._replanner.update(self._begun, self._applied, self._measured)
-        self._begun, self._applied, self._measured = seen.state, [], []
-
-    def _arrived(self) -> bool:
-        """Record a waypoint that is met; return whether the last one is, at a low enough speed."""
-        gap = self._gap()
-        if self._next_waypoint < len(self._waypoints) - 1:
-            met_within = MARGIN * self._target.tolerance
-            following = int(
-                metrics.next_waypoint(self._next_waypoint, self._path[-1], self._waypoints, met_within, keep_last=True)
-            )
-            if following > self._next_waypoint:
-                self._next_waypoint, self._left = following, 0  # the rest of the segment was planned for the previous waypoint
-                self._nearest, self._nearest_at = np.inf, len(self._path) - 1
-            return False
-        fastest = self._replanner.final_speed
-        slow = not fastest or self._speed() <= fastest
-        allowed_gap = self._replanner.goal_tolerance
-        if len(self._path) > self._patience:  # the skills cannot come closer to some places
-            allowed_gap = max(allowed_gap, MARGIN * self._target.tolerance)
-        return gap <= allowed_gap and slow and len(self._path) > 1
-
-    def _speed(self) -> float:
-        """Return the estimated speed of the achieved goal, m/s."""
-        behind = self._path[-1 - min(SPEED_WINDOW, len(self._path) - 1)]
-        seconds = max(1, min(SPEED_WINDOW, len(self._path) - 1)) * self._target.control_period
-        return float(np.linalg.norm(self._path[-1] - behind)) / seconds
+    Raises:
+        UsageError: the artifact holds no plan, or its method cannot.
+    """
+    if not COMPOSE.is_kind_of(source):
+        raise UsageError(
+            f"{source.id} holds no plan, so there is nothing to plan again", "give a compose artifact, or leave --replan out"
+        )
+    method = COMPOSE.results_of(source).method
+    if not method_spec(method).replans:
+        raise UsageError(
+            f"a plan of --method {method} cannot be made again during an episode",
+            f"--replan goes with {' or '.join(replanning())}",
+        )
+    return method

@@ -22,6 +22,8 @@ from skillcli.execution.filter import Limits, SafetyFilter, Stop
 from skillcli.execution.home import move_home
 from skillcli.execution.loop import Arm, fresh_reading
 from skillcli.execution.observed import ObservedArm
+from skillcli.execution.planner import PlannerProcess
+from skillcli.execution.replanned import play_replanned
 from skillcli.simulation.foresight import Foresight
 from skillcli.tasks.world import World
 from skillcli.trajectories import Array, Trajectories
@@ -38,12 +40,14 @@ class Asked:
         share: of the largest speed.
         home: whether to move the arm to its start if it is not there.
         dry: whether to do everything but send.
+        replan: whether to plan again after every segment, from where the arm is.
     """
 
     episodes: int = 1
     share: float = 1.0
     home: bool = False
     dry: bool = False
+    replan: bool = False
 
 
 @dataclass
@@ -73,12 +77,18 @@ class Executor:
         once: one episode of each route or skill.
         driver: of the arm, connected.
         asked: what to do.
+        planner: plans again on the way, if that was asked for.
+        seed: of what is random there.
 
     Raises:
         SkillError: arm, driver or plan are not fit for it; nothing has moved.
     """
 
-    def __init__(self, library: Library, world: World, once: EpisodeSchedule, driver: Driver, asked: Asked) -> None:
+    def __init__(
+        self, library: Library, world: World, once: EpisodeSchedule, driver: Driver, asked: Asked,
+        planner: PlannerProcess | None = None, seed: int = 0,
+    ) -> None:  # fmt: skip
+        self._planner, self._seed = planner, seed
         self._act, self._driver, self._asked, self._once = library.agent.act, driver, asked, slowed(once, asked.share)
         self._observed = ObservedArm(world)
         self._simulated = driver if isinstance(driver, Resettable) else None
@@ -125,7 +135,7 @@ class Executor:
                     on_episode(episode, None)
                     if not self._ready(arm, episode, done):
                         break
-                    recording = play(arm, self._act, schedule, episode)
+                    recording = self._play(arm, schedule, episode)
                     watchdog.rest()
                     done.recordings.append(recording)
                     done.logs.append(arm.log)
@@ -139,6 +149,11 @@ class Executor:
         finally:
             self._driver.hold()
         return done
+
+    def _play(self, arm: Arm, schedule: EpisodeSchedule, episode: int) -> Trajectories:
+        if self._planner is None:
+            return play(arm, self._act, schedule, episode)
+        return play_replanned(arm, self._planner, schedule.waypoints[episode], self._seed, self._asked.share)
 
     def _ready(self, arm: Arm, episode: int, done: Execution) -> bool:
         """Bring the arm to the start of an episode; return whether it is there. Before the first one, raise if it is not."""

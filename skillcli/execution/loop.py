@@ -19,7 +19,7 @@ from skillcli.execution.driver import Driver, DriverError, JointState, ObjectPos
 from skillcli.execution.episode_log import EpisodeLog
 from skillcli.execution.filter import SafetyFilter, Stop
 from skillcli.execution.observed import ObservedArm
-from skillcli.simulation.environment import Step
+from skillcli.simulation.environment import StateEstimate, Step
 from skillcli.trajectories import Array
 
 FIRST_READING = 2.0  # s, within which a new reading must come before an episode
@@ -59,7 +59,7 @@ class Arm:
     ) -> None:
         self._driver, self._observed, self._guard, self._watchdog = driver, observed, guard, watchdog
         self._env, self._speed, self._share, self._stop_asked, self._dry = observed.env, speed, share, stop_asked, dry
-        self.control_period, self.tolerance = period, observed.env.tolerance
+        self.control_period, self.tolerance, self.joints = period, observed.env.tolerance, observed.env.joints
         self.desired_goal = observed.env.desired_goal
         self.applied = np.zeros((1, observed.env.joints))
         self.unstable = np.zeros(1, dtype=bool)
@@ -80,7 +80,9 @@ class Arm:
         self.ticks.begin()
         self._watchdog.expect(self.ticks.tick)
         self._guard.begin(reading)
-        self._accept(reading, self._object())
+        self.log.read(reading)
+        self._reading = reading
+        self._observed.begin(reading, self._guard.target, self._object())
 
     def observe(self) -> Array:
         """See `RecordedEnvironment`."""
@@ -97,6 +99,10 @@ class Arm:
     def recorded_state(self) -> dict[str, Array]:
         """See `RecordedEnvironment`."""
         return {name: values.copy() for name, values in self._env.recorded_state().items()}
+
+    def estimate_state(self) -> StateEstimate:
+        """Estimate the state from the readings of the last control steps."""
+        return self._env.estimate_state()
 
     def step(self, action: Array) -> Step:
         """Carry out an action (1, J) in units of the action limit; returns at the next tick with what is measured then."""
@@ -196,8 +202,6 @@ class Arm:
         return None
 
     def _accept(self, reading: JointState, seen: ObjectPose | None) -> None:
-        if not self.log.stamp:
-            self.log.read(reading)
         self._reading = reading
         self._observed.put(reading, self._guard.target, seen)
 

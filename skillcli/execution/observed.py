@@ -36,7 +36,14 @@ class ObservedArm:
             target: (J,) rad, commanded joint angles.
             seen: the object, None without one.
         """
+        self.env.remember()
         pose = None if seen is None else seen.pose[None]
         self.env.arms.set_state(
             np.array([0]), reading.position[None], reading.velocity[None], target[None, None], object_pose=pose
         )
+        self.env.observe()
+
+    def begin(self, reading: JointState, target: Array, seen: ObjectPose | None) -> None:
+        """Do the same as `put`, at the beginning of an episode: what was before is forgotten."""
+        self.put(reading, target, seen)
+        self.env.remember(again=True)

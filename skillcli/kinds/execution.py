@@ -42,6 +42,7 @@ class ExecutionResults(Outcome):
     domain: str | None = optional(None)  # from which simulated robots were drawn; None: no simulation
     max_speed: float = optional(1.0)  # share of the largest speed
     dry_run: bool = optional(False)  # whether nothing was sent
+    replanned: bool = optional(False)  # whether the plan was made again after every segment
     filtered_steps: int  # control steps whose target the filter changed
     filtered: Mapping[str, int] = optional({})  # the same for each limit
     violations: Mapping[str, int] = optional({})  # episodes that violate each safety limit
@@ -63,6 +64,7 @@ class ExecutionMeasured(Measured):
 
     deadlines: Deadlines
     robot_file: str | None = optional(None)  # the whole path, or the name of a bundled robot
+    seconds_per_plan: float | None = optional(None)  # with replanning: how long the arm waited for a plan, as a rule
 
 
 def _check(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Sizes) -> Iterator[str]:

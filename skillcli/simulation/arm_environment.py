@@ -248,6 +248,17 @@ class ArmEnvironment:
         """See `Environment`."""
         self.arms.active = ids
 
+    def remember(self, again: bool = False) -> None:
+        """Keep what is measured and commanded for `estimate_state`, before somebody else moves the arm on by a control step.
+
+        Args:
+            again: forget what was kept: an episode begins.
+        """
+        if again:
+            self._past.clear()
+        else:
+            self._past.append((self._measured[:, : self.action_size], self._commanded()))
+
     def estimate_state(self) -> StateEstimate:
         """See `Environment`: joint angles and velocities, the last commands, and the pose of the object."""
         steps = min(2, len(self._past))  # over one step the noise would dominate the velocity

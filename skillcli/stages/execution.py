@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,11 +13,13 @@ from skillcli.errors import Interrupted, UsageError
 from skillcli.evaluation.consistency import stored_recipe
 from skillcli.evaluation.episode_schedule import EpisodeSchedule
 from skillcli.evaluation.library import Library, open_library
+from skillcli.evaluation.replanning import method_of
 from skillcli.evaluation.transfer_results import count_violations, outcome
 from skillcli.execution.drivers import open_driver
 from skillcli.execution.episode_log import log_arrays
 from skillcli.execution.execute import Asked, Execution, Executor, p99
 from skillcli.execution.filter import LIMITED
+from skillcli.execution.planner import PlannerProcess
 from skillcli.kinds import EXECUTION
 from skillcli.kinds.execution import Deadlines, ExecutedArm, ExecutionMeasured, ExecutionResults, Stopped
 from skillcli.progress import OnProgress, Progress, silent
@@ -86,19 +89,27 @@ def execute(
             f"the {recipe.task.name} task has no arm to execute it", "give a plan of a task on an arm, such as reach"
         )
     world = library.world if via.robot is None else library.world.on(via.robot)
+    if asked.replan:
+        method_of(source)  # refuses what cannot be planned again
     once = EpisodeSchedule.of(source, library)
     settings = _settings(via, library.recipe, seed)
     driver = open_driver(via.driver, settings, world.robot)
-    try:
+    with ExitStack() as ending:
+        planner = None
+        if asked.replan:
+            planner = PlannerProcess(store.root, source.id, library)
+            ending.callback(planner.close)
+        ending.callback(driver.close)
         driver.connect()
-        executor = Executor(library, world, once, driver, asked)
+        executor = Executor(library, world, once, driver, asked, planner, seed)
+        if planner is not None:
+            planner.wait()
         if not asked.dry and not confirm(_announced(source, via, world, executor, asked)):
             raise Interrupted("not confirmed: nothing was sent", "--yes answers yes")
         with stoppable() as stop:
             done = executor.run(lambda: stop.requested, _Told(asked.episodes, on_progress))
-    finally:
-        driver.close()
-    return store.write(_draft(source, recipe, library, world, via, asked, done, command, name, seed, once))
+    effort = None if planner is None else planner.effort.mean
+    return store.write(_draft(source, recipe, library, world, via, asked, done, command, name, seed, once, effort))
 
 
 def _settings(via: Via, recipe: Recipe, seed: int) -> dict[str, object]:
@@ -115,9 +126,10 @@ def _announced(source: Artifact, via: Via, world: World, executor: Executor, ask
     gap = 100 * metrics.final_distance(planned).max()
     assert planned.joint_position is not None, "an arm"
     fastest = np.abs(np.diff(planned.joint_position, axis=1)).max() / world.task.control_period * asked.share
+    lasts = "; the arm holds while it plans again" if asked.replan else f" of {executor.seconds:.1f} s at most"
     return [
         f"{source.id} on {world.robot.name}, by the driver {via.driver}: {asked.episodes} "
-        f"episode{'s' if asked.episodes > 1 else ''} of {executor.seconds:.1f} s at most",
+        f"episode{'s' if asked.episodes > 1 else ''}{lasts}",
         f"in our simulation the plan keeps every limit, ends {gap:.1f} cm from its goals, and moves no joint faster than "
         f"{fastest:.2f} rad/s",
         f"the arm is {executor.off:.3f} rad from the start" + (": it moves there first, slowly" if asked.home else ""),
@@ -140,7 +152,7 @@ class _Told:
 
 def _draft(
     source: Artifact, recipe: Recipe, library: Library, world: World, via: Via, asked: Asked, done: Execution,
-    command: str, name: str | None, seed: int, once: EpisodeSchedule,
+    command: str, name: str | None, seed: int, once: EpisodeSchedule, seconds_per_plan: float | None,
 ) -> Draft:  # fmt: skip
     recording = Trajectories.join(done.recordings)
     limited = [np.array(log.limited).reshape(-1, len(LIMITED)) for log in done.logs]
@@ -153,12 +165,17 @@ def _draft(
         domain=None if domain is None else find_domain(domain).name,
         max_speed=asked.share,
         dry_run=asked.dry,
+        replanned=asked.replan,
         filtered_steps=int(sum(steps.any(axis=1).sum() for steps in limited)),
         filtered={limit: count for limit, count in filtered.items() if count},
         violations=count_violations(recording),
         stopped=_stopped(done),
     )
-    deadlines = Deadlines(steps=len(done.late), missed=done.missed, p99_ms=1000 * p99(done.late))
+    measured = ExecutionMeasured(
+        deadlines=Deadlines(steps=len(done.late), missed=done.missed, p99_ms=1000 * p99(done.late)),
+        robot_file=None if via.robot is None else via.robot.which,
+        seconds_per_plan=seconds_per_plan,
+    )
     zero = done.logs[0].tick[0]
     return Draft(
         kind=EXECUTION.name,
@@ -173,7 +190,7 @@ def _draft(
             **recording.stored(),
         },
         results=results.json(),
-        measured=ExecutionMeasured(deadlines=deadlines, robot_file=None if via.robot is None else via.robot.which).json(),
+        measured=measured.json(),
         parents=[source.id],
         model_sha256=library.world.fingerprint,
     )

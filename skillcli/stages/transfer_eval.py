@@ -9,14 +9,13 @@ import numpy as np
 
 from skillcli import metrics
 from skillcli.composition.registry import replanning
-from skillcli.errors import UsageError
 from skillcli.evaluation.episode_schedule import EpisodeSchedule
 from skillcli.evaluation.inputs import transfer_eval_inputs
-from skillcli.evaluation.library import Library, check_untouched, open_library
-from skillcli.evaluation.replanning import Replanner
+from skillcli.evaluation.library import check_untouched, open_library
+from skillcli.evaluation.replanning import Replanner, method_of
 from skillcli.evaluation.transfer_evaluator import NOMINAL, TargetRobots, TransferEvaluator
 from skillcli.evaluation.transfer_results import most_harmful_first, one_at_a_time, summarize_domain, summarize_source
-from skillcli.kinds import COMPOSE, TRANSFER_EVAL
+from skillcli.kinds import TRANSFER_EVAL
 from skillcli.kinds.transfer_eval import TargetRobot, TransferEvalMeasured, TransferEvalResults
 from skillcli.progress import OnProgress, Progress, silent
 from skillcli.recipe import Recipe
@@ -68,7 +67,7 @@ def transfer_eval(
     drawn = [TargetRobots.drawn(domain, episodes, seed, library.world.joints) for domain in found]
     planning = ", ".join(f"{method}.*" for method in replanning())
     check_untouched(library, recipe, f"transfer.*, compose.* and, with --replan, {planning}")
-    replanner = _replanner(library, recipe, source) if recipe.transfer.replan else None
+    replanner = Replanner(library, recipe, method_of(source)) if recipe.transfer.replan else None
     world = library.world if robot is None else library.world.on(robot)
     trial, once = TransferEvaluator(library, seed, world, replanner), EpisodeSchedule.of(source, library)
     trial.check()
@@ -120,14 +119,6 @@ def transfer_eval(
             inputs_sha256=transfer_eval_inputs(source, recipe, domains, episodes, seed, robot, sensitivity),
         )
     )
-
-
-def _replanner(library: Library, recipe: Recipe, source: Artifact) -> Replanner:
-    if not COMPOSE.is_kind_of(source):
-        raise UsageError(
-            f"{source.id} holds no plan, so there is nothing to plan again", "give a compose artifact, or leave --replan out"
-        )
-    return Replanner(library, recipe, COMPOSE.results_of(source).method)
 
 
 @dataclass

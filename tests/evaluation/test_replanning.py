@@ -13,7 +13,8 @@ from skillcli.cli.tables import _gave_up
 from skillcli.composition.latent_environment import LatentEnvironment
 from skillcli.evaluation.identification import Identification
 from skillcli.evaluation.reflex import Reflex
-from skillcli.evaluation.replanning import LONGEST, ReplannedEpisode, Replanner
+from skillcli.evaluation.replanned_episode import LONGEST, ReplannedEpisode
+from skillcli.evaluation.replanning import Replanner
 from skillcli.kinds.transfer_eval import DomainResults
 from skillcli.recipe import Recipe, resolve
 from skillcli.simulation.arm_environment import ArmEnvironment
@@ -254,7 +255,7 @@ def test_an_episode_that_never_comes_near_says_that_it_gave_up() -> None:
 
 def ends_after(gaps: list[float], steps: int) -> int:
     """Control steps after which the time of an episode is up that is so far from its goal, m, at each of them."""
-    mission = ReplannedEpisode(planning(), target(), np.zeros((1, 3)), steps, np.random.default_rng(0))
+    mission = ReplannedEpisode(planning(), target(), np.zeros((1, 3)), steps)
     for passed, gap in enumerate(gaps):
         mission._path.append(np.array([gap, 0.0, 0.0]))
         if mission._time_is_up():

@@ -12,7 +12,8 @@ from command import made, skill
 from worlds import JOINTS, SAWYER, make_env, world
 
 from skillcli.config.randomization import PARAMETERS
-from skillcli.evaluation.replanning import ReplannedEpisode, Replanner
+from skillcli.evaluation.replanned_episode import ReplannedEpisode
+from skillcli.evaluation.replanning import Replanner
 from skillcli.evaluation.sampled_robots import SampledRobots
 from skillcli.recipe import Compose, resolve
 from skillcli.simulation.domains import find_domain

@@ -77,6 +77,22 @@ def arm_start() -> Array:
     return ObservedArm(WORLD).start
 
 
+def test_the_state_is_estimated_from_the_last_readings_and_targets() -> None:
+    driver = at_start()
+    with looping(driver) as arm:
+        assert not arm.estimate_state().state[0, 7:14].any(), "at rest where it begins"
+        play(arm, turning, schedule(), 0)
+        seen = arm.estimate_state()
+        state = seen.state[0]
+        assert state[:7] == pytest.approx(arm.position, abs=1e-6) and seen.achieved_goal[0] == pytest.approx(
+            arm.achieved_goal()[0]
+        )
+        assert state[7:14] == pytest.approx([0, 0, 0, 0, 0, 0, 0.4], abs=0.1), "0.02 rad in 50 ms"
+        assert np.diff(state[14:].reshape(4, 7)[:, 6]) == pytest.approx([0.02] * 3), "the last four targets"
+        arm.begin()
+        assert not arm.estimate_state().state[0, 7:14].any(), "another episode"
+
+
 def test_half_the_speed_is_half_of_every_action_for_twice_as_long() -> None:
     driver, slow = at_start(), slowed(schedule(), 0.5)
     with looping(driver, share=0.5) as arm:

@@ -85,6 +85,26 @@ def test_a_box_is_seen_and_pushed(store: Path) -> None:
     assert told["final_distance_m"]["median"] == pytest.approx(planned.results["final_distance_m"], abs=0.01)
 
 
+@pytest.mark.parametrize("plan", [PLAN, "reference-push-robust/compose-v1"])
+def test_a_plan_is_made_again_on_the_way_while_the_arm_holds(store: Path, plan: str) -> None:
+    told, artifact = executed(store, plan, "--replan", "--domain", "real-like")
+    assert told["replanned"] and told["stopped"] is None and told["successes"] == 1
+    assert artifact.measured["seconds_per_plan"] > 0
+    skill_held = artifact.arrays["trajectories/skill"][0, : artifact.arrays["trajectories/length"][0]]
+    action = artifact.arrays["trajectories/action"][0, : len(skill_held)]
+    held = np.flatnonzero(skill_held == -1)
+    assert skill_held[0] == -1, "the first plan is waited for too"
+    assert len(held) and (skill_held >= 0).any()
+    if plan == PLAN:  # nothing tips, so the target stays where it is in every such step
+        assert not action[held].any()
+    check_meaning(artifact)
+
+
+def test_bare_skills_hold_no_plan_to_make_again(store: Path) -> None:
+    result = skill("--store", store, "execute", "reference-reach/embed-means-v1", "--replan", "--yes")
+    assert result.code == 2 and "holds no plan" in result.err
+
+
 def test_figure_recording_table_and_verification(store: Path, tmp_path: Path) -> None:
     told, artifact = executed(store, PLAN, "--speed", "2")
     drawn = made("--store", store, "viz", told["id"], "--png", tmp_path / "a.png", "-o", tmp_path / "a.rrd")
@@ -224,7 +244,6 @@ def test_a_signal_holds_the_arm_and_keeps_what_was_executed(store: Path, number:
     [
         (("--driver", "nobody"), "no driver 'nobody'"),
         (("--driver", "franka", "--domain", "mild"), "--domain: the arm of --driver franka is real"),
-        (("--replan",), "cannot plan again on the way"),
         (("--domain", "nowhere"), "no domain 'nowhere'"),
         (("--driver-settings", "missing.toml"), "cannot be read"),
     ],
