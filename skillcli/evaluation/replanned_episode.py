@@ -40,11 +40,11 @@ class Prospect:
 
 @dataclass(frozen=True)
 class Sighting:
-    """What a planner is told: where the target is, and how it moved since it was told last.
+    """What a planner is told: where the target is, and how it moved since the last segment began.
 
     Attributes:
         seen: estimated state now.
-        begun: (1, v) estimated state when it was told last.
+        begun: (1, v) estimated state at the beginning of that segment.
         applied: increments (J,) rad of each control step since.
         measured: joint angles (J,) rad after each of them.
         waypoints: (W, 3) m, still to be met.
@@ -194,13 +194,13 @@ class ReplannedEpisode:
                 self._resting -= 1
                 return False
             waypoints = self._waypoints[self._next_waypoint :]
-            self._adviser.ask(Sighting(seen, self._begun, self._applied, self._measured, waypoints))
-            self._begun, self._applied, self._measured = seen.state, [], []
+            self._adviser.ask(Sighting(seen, self._begun, list(self._applied), list(self._measured), waypoints))
             self._asked = True
         self._prospect = self._adviser.answer()
         if self._prospect is None:
             return False
         self._asked = False
+        self._begun, self._applied, self._measured = seen.state, [], []
         self._held, self._left = 0, math.ceil(self._prospect.segment.steps / self._share)
         if not self._first_plan_made:
             self._left, self._first_plan_made = min(self._left, math.ceil(FIRST_LOOK / self._share)), True

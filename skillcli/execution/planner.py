@@ -6,7 +6,7 @@ import os
 import signal
 import time
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -25,6 +25,7 @@ from skillcli.trajectories import Array
 START_SECONDS = 120.0  # s, within which the process must have opened the library
 LONGEST_THOUGHT = 60.0  # s, that a plan may take while the arm holds
 END_SECONDS = 2.0  # s, that the process may take to end
+MOST_TOLD = 200  # control steps of a segment: a pipe takes 64 kB at once, and who sends more waits for the other process
 YIELDS = 2  # niceness: the loop of the arm, and a simulated arm, come first
 
 
@@ -129,6 +130,8 @@ class PlannerProcess:
         """See `Adviser`."""
         self._number += 1
         self._asked_at = time.monotonic()
+        if len(sighting.applied) > MOST_TOLD:
+            sighting = replace(sighting, applied=[], measured=[])
         self._send(_Question(self._number, sighting))
 
     def answer(self) -> Prospect | None:

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
 from skillcli.errors import UsageError
+from skillcli.execution.identify.kinematics import TOOL_SPREAD
 from skillcli.execution.log import Log
 from skillcli.robots.robot import Robot
 from skillcli.simulation.replay import ForwardKinematics
@@ -21,8 +22,9 @@ from skillcli.trajectories import Array
 ZERO = 0.01  # rad: an arm whose joints all begin nearer to zero is likely to count from its start
 NOISE = 0.005  # m, of each coordinate of a measured position, as far as is known before
 START_SPREAD = 1.0  # rad, of the start about the robot file's own, before anything is measured
-TOOL_SPREAD = 0.1  # m
-GUESSES = 8  # starts from which the search begins
+GUESSES = 40  # starts from which the search begins
+EVALUATIONS = 30  # of each fit, at most
+EDGE = 1e-3  # of a joint's range: a search begins no nearer to its end
 FEW, MANY = 40, 200  # poses that the search and the last fit take
 LARGEST_MISS = 0.03  # m, median: beyond, the positions are not those of this arm
 LEAST_TURN = 0.1  # rad, that the joints must turn together
@@ -87,12 +89,13 @@ class _Search:
         if np.ptp(turned, axis=0).sum() < LEAST_TURN:
             raise UsageError("--relative: the joints hardly turn, so the gripper does not tell where they began", HINT)
         low, high = self._low - turned.min(axis=0), self._high - turned.max(axis=0)  # in range all the time
-        low, high = np.minimum(low, high), np.maximum(low, high)
-        rng, guesses = np.random.default_rng(0), [np.clip(self._home, low, high)]
+        if (low >= high).any():
+            raise UsageError("--relative: a joint turns farther than its range in the robot file allows", HINT)
+        rng, guesses = np.random.default_rng(0), [self._home]
         guesses += [rng.uniform(low, high) for _ in range(GUESSES - 1)]
-        tries = [self._fitted(rows, guess, FEW, 15) for guess in guesses]
+        tries = [self._fitted(rows, guess, (low, high), FEW, EVALUATIONS) for guess in guesses]
         best = min(tries, key=lambda found: float(found.cost))
-        found = self._fitted(rows, best.x[: len(self._home)], MANY, 30, best.x[len(self._home) :])
+        found = self._fitted(rows, best.x[: len(self._home)], (low, high), MANY, EVALUATIONS, best.x[len(self._home) :])
         start, tool = found.x[: len(self._home)], self._tool_of(found.x)
         if self._tool is None:
             self._tool = tool
@@ -101,15 +104,20 @@ class _Search:
     def _tool_of(self, x: Array) -> Array:
         return x[len(self._home) :] if self._tool is None else self._tool
 
-    def _fitted(self, rows: slice, guess: Array, poses: int, evaluations: int, tool: Array | None = None) -> OptimizeResult:
+    def _fitted(
+        self, rows: slice, guess: Array, ends: tuple[Array, Array], poses: int, evaluations: int, tool: Array | None = None
+    ) -> OptimizeResult:
         def errors(x: Array) -> Array:
             start, tool = x[: len(self._home)], self._tool_of(x)
             off = self._off(rows, start, tool, poses).ravel() / NOISE
             return np.concatenate([off, (start - self._home) / START_SPREAD, x[len(self._home) :] / TOOL_SPREAD])
 
         loose = np.zeros(3 if self._tool is None else 0) if tool is None else tool
+        inside = EDGE * (ends[1] - ends[0])
+        x = np.concatenate([np.clip(guess, ends[0] + inside, ends[1] - inside), loose])
+        bounds = [np.concatenate([end, np.full(len(loose), far)]) for end, far in zip(ends, (-np.inf, np.inf), strict=True)]
         # one position that is far off, as while somebody stands before the camera, must not decide
-        return least_squares(errors, np.concatenate([guess, loose]), loss="soft_l1", x_scale="jac", max_nfev=evaluations)
+        return least_squares(errors, x, bounds=bounds, loss="soft_l1", max_nfev=evaluations)
 
     def _off(self, rows: slice, start: Array, tool: Array, poses: int) -> Array:
         """Return where the gripper would be less where it was measured, (P, 3) m."""
