@@ -22,7 +22,7 @@ from skillcli.trajectories import Array
 ZERO = 0.01  # rad: an arm whose joints all begin nearer to zero is likely to count from its start
 NOISE = 0.005  # m, of each coordinate of a measured position, as far as is known before
 START_SPREAD = 1.0  # rad, of the start about the robot file's own, before anything is measured
-GUESSES = 40  # starts from which the search begins
+GUESSES, FITTED = 600, 16  # starts that are tried, and the best of them, from which fits begin
 EVALUATIONS = 30  # of each fit, at most
 EDGE = 1e-3  # of a joint's range: a search begins no nearer to its end
 FEW, MANY = 40, 200  # poses that the search and the last fit take
@@ -91,8 +91,8 @@ class _Search:
         low, high = self._low - turned.min(axis=0), self._high - turned.max(axis=0)  # in range all the time
         if (low >= high).any():
             raise UsageError("--relative: a joint turns farther than its range in the robot file allows", HINT)
-        rng, guesses = np.random.default_rng(0), [self._home]
-        guesses += [rng.uniform(low, high) for _ in range(GUESSES - 1)]
+        tried = [self._home, *np.random.default_rng(0).uniform(low, high, (GUESSES - 1, len(low)))]
+        guesses = sorted(tried, key=lambda guess: self._missed(rows, guess))[:FITTED]
         tries = [self._fitted(rows, guess, (low, high), FEW, EVALUATIONS) for guess in guesses]
         best = min(tries, key=lambda found: float(found.cost))
         found = self._fitted(rows, best.x[: len(self._home)], (low, high), MANY, EVALUATIONS, best.x[len(self._home) :])
@@ -100,6 +100,17 @@ class _Search:
         if self._tool is None:
             self._tool = tool
         return start, np.linalg.norm(self._off(rows, start, tool, MANY), axis=1)
+
+    def _missed(self, rows: slice, start: Array) -> float:
+        """Return how far a start is off the positions with the tool that suits it best by linear least squares, m."""
+        chosen = _spread(rows, FEW)
+        place, axes = self._kinematics.frames(self._log.position[chosen] + start)
+        assert self._log.gripper_position is not None, "checked before"
+        to_go = (self._log.gripper_position[chosen] - place).ravel()
+        turned = axes.reshape(-1, 3)
+        loose = np.concatenate([turned, NOISE / TOOL_SPREAD * np.eye(3)])
+        tool = np.linalg.lstsq(loose, np.concatenate([to_go, np.zeros(3)]), rcond=None)[0]
+        return float(np.abs(turned @ tool - to_go).mean())
 
     def _tool_of(self, x: Array) -> Array:
         return x[len(self._home) :] if self._tool is None else self._tool
@@ -121,8 +132,13 @@ class _Search:
 
     def _off(self, rows: slice, start: Array, tool: Array, poses: int) -> Array:
         """Return where the gripper would be less where it was measured, (P, 3) m."""
-        chosen = np.unique(np.linspace(rows.start, rows.stop - 1, poses).round().astype(int))
+        chosen = _spread(rows, poses)
         place, axes = self._kinematics.frames(self._log.position[chosen] + start)
         assert self._log.gripper_position is not None, "checked before"
         off: Array = place + axes @ tool - self._log.gripper_position[chosen]
         return off
+
+
+def _spread(rows: slice, poses: int) -> Array:
+    """Return that many rows at most, evenly spread over an episode."""
+    return np.unique(np.linspace(rows.start, rows.stop - 1, poses).round().astype(int))
