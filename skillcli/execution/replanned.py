@@ -14,7 +14,7 @@ from skillcli.execution.planner import PlannerLost, PlannerProcess
 from skillcli.trajectories import Array, Trajectories
 
 SETTLE = 0.3  # s, in which an arm comes to rest at its target before it is looked at: three time constants of its servos
-MOST_WAITING = 10  # times the longest episode: the recording ends there
+MOST_WAITING = 100  # times the longest episode, in all: the recording ends there
 
 
 def play_replanned(arm: Arm, planner: PlannerProcess, waypoints: Array, seed: int, share: float = 1.0) -> Trajectories:

@@ -90,13 +90,13 @@ def test_a_plan_is_made_again_on_the_way_while_the_arm_holds(store: Path, plan: 
     told, artifact = executed(store, plan, "--replan", "--domain", "real-like")
     assert told["replanned"] and told["stopped"] is None and told["successes"] == 1
     assert artifact.measured["seconds_per_plan"] > 0
-    skill_held = artifact.arrays["trajectories/skill"][0, : artifact.arrays["trajectories/length"][0]]
-    action = artifact.arrays["trajectories/action"][0, : len(skill_held)]
-    held = np.flatnonzero(skill_held == -1)
-    assert skill_held[0] == -1, "the first plan is waited for too"
-    assert len(held) and (skill_held >= 0).any()
+    steps = slice(artifact.arrays["trajectories/length"][0])
+    holds = ~artifact.arrays["trajectories/latent"][0, steps].any(axis=1)
+    action = artifact.arrays["trajectories/action"][0, steps]
+    assert holds[0] and not holds.all(), "the first plan is waited for too"
+    assert (artifact.arrays["trajectories/skill"][0, steps][holds] == -1).all()
     if plan == PLAN:  # nothing tips, so the target stays where it is in every such step
-        assert not action[held].any()
+        assert not action[holds].any() and action[~holds].any()
     check_meaning(artifact)
 
 
