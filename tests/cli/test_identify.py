@@ -94,3 +94,6 @@ def test_a_log_of_another_arm_and_one_without_motion_are_refused(log: Path, tmp_
     np.savez(still, joint_position=np.zeros((100, 7)), target=np.zeros((100, 7)))
     result = skill("identify", still, "--robot", "sawyer", "-o", tmp_path / "x.toml")
     assert result.code == 2 and "no joint moves by more than 1 mrad" in " ".join(result.err.split())
+    assert "every episode begins with all joints at zero: if the angles count from the start, give --relative" in result.err
+    result = skill("identify", still, "--robot", "sawyer", "-o", tmp_path / "x.toml", "--relative")
+    assert result.code == 2 and "--relative: the log has no gripper positions" in " ".join(result.err.split())
