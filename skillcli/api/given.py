@@ -20,9 +20,13 @@ def numbers(values: Any, what: str, size: int) -> Array:
     try:
         found = np.asarray(values, dtype=float)
     except (TypeError, ValueError):
-        raise UsageError(f"{what}: expected numbers, got {type(values).__name__}", f"give an array ({size},) or (N, {size})") from None
+        raise UsageError(
+            f"{what}: expected numbers, got {type(values).__name__}", f"give an array ({size},) or (N, {size})"
+        ) from None
     if found.ndim not in (1, 2) or found.shape[-1] != size or not found.size:
-        raise UsageError(f"{what}: expected the shape ({size},) or (N, {size}), got {found.shape}", "see docs/python.md for shapes")
+        raise UsageError(
+            f"{what}: expected the shape ({size},) or (N, {size}), got {found.shape}", "see docs/python.md for shapes"
+        )
     if not np.isfinite(found).all():
         raise UsageError(f"{what}: a number is not finite", "give finite numbers")
     return found
@@ -52,11 +56,15 @@ def goals(goal: Any) -> tuple[str, list[list[float]]]:
     try:
         found = np.asarray(goal, dtype=float)
     except (TypeError, ValueError):
-        raise UsageError(f"goal: expected numbers or a name, got {goal!r}", "for example (0.6, 0.0, 0.2), or 'triangle'") from None
+        raise UsageError(
+            f"goal: expected numbers or a name, got {goal!r}", "for example (0.6, 0.0, 0.2), or 'triangle'"
+        ) from None
     if found.size == 0:
         return "", []
     if found.ndim not in (1, 2):
-        raise UsageError(f"goal: expected one goal or several in order, got the shape {found.shape}", "for example (0.6, 0.0, 0.2)")
+        raise UsageError(
+            f"goal: expected one goal or several in order, got the shape {found.shape}", "for example (0.6, 0.0, 0.2)"
+        )
     listed: list[list[float]] = np.atleast_2d(found).tolist()
     return "", listed
 

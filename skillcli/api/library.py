@@ -135,7 +135,9 @@ class SkillLibrary:
         try:
             latents = np.broadcast_to(held, (len(rows), held.shape[-1]))
         except ValueError:
-            raise UsageError(f"got {len(rows)} observations and {len(held)} latents", "give one latent for all, or one each") from None
+            raise UsageError(
+                f"got {len(rows)} observations and {len(held)} latents", "give one latent for all, or one each"
+            ) from None
         action: Array = self._library.agent.act(rows, np.ascontiguousarray(latents))
         return action[0] if seen.ndim == 1 else action
 
@@ -204,17 +206,23 @@ class SkillLibrary:
         Raises:
             UsageError: the goal cannot be reached, or method, settings or domain are unknown.
         """
-        from skillcli.composition.registry import method_spec
+        from skillcli.composition.registry import method_spec, split_method
         from skillcli.evaluation.consistency import stored_recipe
         from skillcli.evaluation.request import Request
         from skillcli.stages.compose import draft_of
 
         task, goals = given.goals(goal)
-        spec = method_spec(method)
-        recipe = stored_recipe(self.artifact, [*(spec.overrides_on_target if on else ()), *settings])
-        request = Request.of(recipe, task, goals, method)
-        command = given.call("skillcli.load", self.id) + given.call(".plan", task or goals, method, settings=[*settings], seed=seed, on=on)
-        draft = draft_of(self._library, self.artifact, recipe, request, method, command, on_progress=on_progress, seed=seed, on=on)
+        name, own = split_method(method)
+        spec = method_spec(name)
+        chosen = [*(spec.overrides_on_target if on else ()), *settings, *spec.overrides(own)]
+        recipe = stored_recipe(self.artifact, chosen)
+        request = Request.of(recipe, task, goals, name)
+        command = given.call("skillcli.load", self.id) + given.call(
+            ".plan", task or goals, method, settings=[*settings], seed=seed, on=on
+        )
+        draft = draft_of(
+            self._library, self.artifact, recipe, request, name, command, on_progress=on_progress, seed=seed, on=on
+        )
         return ComposedPlan(self.store, self.artifact.id, draft)
 
     @cached_property
@@ -238,10 +246,14 @@ class SkillLibrary:
         library = self._library
         if isinstance(what, ComposedPlan):
             if what.source != self.artifact.id or what.store.root != self.store.root:
-                raise UsageError(f"this plan was made with {what.source}, not with {self.id}", "roll it out with its own library")
+                raise UsageError(
+                    f"this plan was made with {what.source}, not with {self.id}", "roll it out with its own library"
+                )
             return what.schedule
         named = given.skill_index(what, library.names) if isinstance(what, str) else None
-        latent = np.atleast_2d(library.mean[named] if named is not None else given.numbers(what, "latent", library.mean.shape[1]))
+        latent = np.atleast_2d(
+            library.mean[named] if named is not None else given.numbers(what, "latent", library.mean.shape[1])
+        )
         likely = metrics.most_likely_skill(latent, library.mean, library.std)
         places = library.goals[likely if named is None else [named]]
         if goal is not None:

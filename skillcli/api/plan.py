@@ -69,7 +69,9 @@ class ComposedPlan:
     def trajectories(self) -> Trajectories:
         """Return the execution where it was planned, one episode for each route."""
         prefix = "trajectories/"
-        return Trajectories(**{path.removeprefix(prefix): array for path, array in self.draft.arrays.items() if path.startswith(prefix)})
+        return Trajectories(
+            **{path.removeprefix(prefix): array for path, array in self.draft.arrays.items() if path.startswith(prefix)}
+        )
 
     @property
     def schedule(self) -> EpisodeSchedule:

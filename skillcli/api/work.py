@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from skillcli.api import given
 from skillcli.api.library import SkillLibrary
 from skillcli.api.plan import ComposedPlan
+from skillcli.errors import UsageError
 from skillcli.progress import OnProgress, silent
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ def train(
     """Train the skills of a recipe and store them, as `skill pretrain` does.
 
     Args:
-        recipe: a bundled one by name, the path of a TOML file, or a resolved one, which `settings` and `robot` must leave alone.
+        recipe: a bundled one by name, the path of a TOML file, or a resolved one; then `settings` and `robot` cannot be given.
         settings: KEY=VALUE settings, such as "training.iterations=20".
         robot: a bundled robot, or a robot file, instead of the one that the recipe names.
         seed: of everything random; the same recipe and seed give the same content.
@@ -110,10 +111,16 @@ def train(
     from skillcli.stages.pretrain import pretrain
     from skillcli.store import store_at
 
-    target = store_at(store)
+    target, named = store_at(store), isinstance(recipe, str | Path)
+    if not named and (settings or robot is not None):
+        raise UsageError("a resolved recipe takes neither settings nor a robot", "name the recipe instead")
     given_recipe = str(recipe) if isinstance(recipe, str | Path) else recipe.name
-    again = given.call("skillcli.train", given_recipe, settings=list(settings), robot=robot, seed=seed, name=name, resume=resume)
-    resolved = load_recipe(str(recipe), settings, None if robot is None else str(robot)) if isinstance(recipe, str | Path) else recipe
+    again = given.call(
+        "skillcli.train", given_recipe, settings=list(settings), robot=robot, seed=seed, name=name, resume=resume
+    )
+    resolved = (
+        load_recipe(str(recipe), settings, None if robot is None else str(robot)) if isinstance(recipe, str | Path) else recipe
+    )
     artifact = pretrain(target, resolved, seed, name or resolved.name, command or again, resume, threads, on_progress)
     return SkillLibrary(target, artifact)
 
@@ -165,7 +172,11 @@ def evaluate(
     recipe = stored_recipe(target.read(source), [*settings, *(["transfer.replan=true"] if replan else [])])
     other = robot if robot is None or isinstance(robot, Robot) else load_target(robot, load_robot(recipe.robot))
     wanted = list(dict.fromkeys(domains or recipe.transfer.domains))
-    again = given.call("skillcli.evaluate", str(source), wanted, episodes=episodes, replan=replan, settings=list(settings), seed=seed)
+    again = given.call(
+        "skillcli.evaluate", str(source), wanted, episodes=episodes, replan=replan, settings=list(settings), seed=seed
+    )
     count = recipe.transfer.episodes if episodes is None else given.at_least_one(episodes, "episodes")
-    artifact = transfer_eval(target, source, recipe, wanted, count, seed, command or again, name, on_progress, other, sensitivity)
+    artifact = transfer_eval(
+        target, source, recipe, wanted, count, seed, command or again, name, on_progress, other, sensitivity
+    )
     return Evaluation(artifact)

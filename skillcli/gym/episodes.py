@@ -74,7 +74,9 @@ class GoalChoice:
         if "skill" in options:
             skill = options["skill"]
             if "goal" in options or not 0 <= skill < len(self._world.goals):
-                raise UsageError(f"reset: expected one goal, or a skill from 0 to {len(self._world.goals) - 1}", f"got {options}")
+                raise UsageError(
+                    f"reset: expected one goal, or a skill from 0 to {len(self._world.goals) - 1}", f"got {options}"
+                )
             chosen: Array = self._world.goals[skill]
             return chosen
         return self.place([float(x) for x in options["goal"]])

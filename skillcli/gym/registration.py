@@ -136,7 +136,9 @@ def world_of(task: str, recipe: str | None, robot: str | Path | None, settings: 
     else:
         resolved = load_recipe(recipe, settings, which)
     if resolved.task.name != task:
-        raise UsageError(f"the recipe {resolved.name} is of the {resolved.task.name} task, not of {task}", "give one of this task")
+        raise UsageError(
+            f"the recipe {resolved.name} is of the {resolved.task.name} task, not of {task}", "give one of this task"
+        )
     return World.of(resolved)
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from skillcli.errors import SkillError
 from skillcli.composition.latent_bounds import LatentBounds
+from skillcli.errors import SkillError
 from skillcli.learning.composer import check_finite
 from skillcli.learning.ddpg_composer import DdpgComposer
 from skillcli.learning.ddpg_method import DdpgSettings
