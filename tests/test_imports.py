@@ -44,6 +44,7 @@ ONLY_IN = {
     "mujoco": ("robots/", "simulation/", "tasks/", "viz/"),
     "paramiko": ("store/remote_fsspec.py",),
     "gymnasium": ("gym/",),
+    "minari": ("gym/",),
     "xarray": ("trajectories.py",),
     "franky": ("execution/drivers/franka.py",),
     "roslibpy": ("execution/drivers/rosbridge.py",),
