@@ -24,10 +24,10 @@ PARTS = {"xyz": ("x", "y", "z"), "xy": ("x", "y"), "pose": ("x", "y", "z", "qw",
 def export_minari(artifact: Artifact, root: Path) -> Path:
     """Write the trajectories of an artifact as the Minari data set of its id below a folder of data sets.
 
-    An observation is a dictionary: every recorded state, `achieved_goal` and `desired_goal`. An action is how far the step moved
-    the commanded targets. Infos: latent and skill that were held from each state on, time, success of the episode. The last step
-    of an episode is terminated if its simulation diverged, else truncated. The metadata have `fps`, names and units of every
-    number, recipe, seed and content hash.
+    An observation is a dictionary: every recorded state, `achieved_goal` and `desired_goal`. An action is how far the step
+    moved the commanded targets. Infos: latent and skill that were held from each state on, time, success of the episode. The
+    last step of an episode is terminated if its simulation diverged, else truncated. The metadata have `fps`, names and units
+    of every number, recipe, seed and content hash.
 
     Args:
         artifact: any with trajectories.

@@ -12,11 +12,10 @@ import skillcli
 from skillcli.store import Store
 
 REFERENCE = Path(skillcli.__file__).parents[1] / "artifacts"
+SOURCES = ("reference-reach/compose-v1", "reference-push/compose-v2", "reference-point/embed-means-v1")
 
 
-@pytest.mark.parametrize(
-    "source", ["reference-reach/compose-v1", "reference-push/compose-v2", "reference-point/embed-means-v1"]
-)
+@pytest.mark.parametrize("source", SOURCES)
 def test_minari_reads_what_is_stored(source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     minari = pytest.importorskip("minari")
     store = Store(REFERENCE)
