@@ -140,11 +140,9 @@ class Trajectories:
         """
         import xarray
 
-        from_step = {"step+1": "time"}
+        renamed = {"step+1": "time", "latent": "latent_axis", "action": "action_axis"}  # no dimension has the name of a field
         variables = {
-            name: xarray.Variable(
-                [from_step.get(one, one) for one in AXES[name][0].split(",")], value, {"units": AXES[name][1]}
-            )
+            name: xarray.Variable([renamed.get(one, one) for one in AXES[name][0].split(",")], value, {"units": AXES[name][1]})
             for name, value in self.arrays().items()
             if name != "time"
         }

@@ -138,7 +138,7 @@ class SkillLibrary:
             raise UsageError(
                 f"got {len(rows)} observations and {len(held)} latents", "give one latent for all, or one each"
             ) from None
-        action: Array = self._library.agent.act(rows, np.ascontiguousarray(latents))
+        action: Array = self._library.agent.act(rows, np.array(latents))
         return action[0] if seen.ndim == 1 else action
 
     def rollout(

@@ -153,7 +153,7 @@ def test_trajectories_become_a_dataset_with_units(reach: SkillLibrary) -> None:
     data = recording.to_xarray()
     assert isinstance(data, xarray.Dataset)
     assert data.gripper_position.dims == ("episode", "time", "xyz") and data.gripper_position.attrs["units"] == "m"
-    assert data.action.dims == ("episode", "step", "action") and data.step.size == data.time.size - 1
+    assert data.action.dims == ("episode", "step", "action_axis") and data.step.size == data.time.size - 1
     assert np.array_equal(data.gripper_position.sel(xyz="z", episode=0).values, recording.achieved_goal[0, :, 2])
     assert float(data.time[1]) == pytest.approx(0.05) and {*data} | {"time"} == recording.arrays().keys()
 
