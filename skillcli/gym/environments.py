@@ -127,7 +127,7 @@ class SkillVectorEnv(VectorEnv[Any, Any, Any]):
             seeds = [None] * self.num_envs
         if len(seeds) != self.num_envs:
             raise UsageError(f"reset: expected {self.num_envs} seeds, got {len(seeds)}", "give one number, or one for each")
-        old = self._rngs or [None] * self.num_envs
+        old: Sequence[np.random.Generator | None] = self._rngs or [None] * self.num_envs
         self._rngs = [
             rng if rng is not None and one is None else seeding.np_random(one)[0] for rng, one in zip(old, seeds, strict=True)
         ]

@@ -5,7 +5,10 @@ It is the decision process of `skillcli.composition.episodes` with one waypoint:
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from gymnasium import spaces
 
 from skillcli.composition.episodes import FAILED, EpisodeSettings
 from skillcli.composition.latent_bounds import LatentBounds, bounds_of
@@ -48,7 +51,8 @@ class LatentEpisodes:
         self._start, self._start_keypoints = self._world.start()
         self._start_observation = self._world.observe(self._start)
         size = self._start_observation.shape[1] + self._start_keypoints[0].size
-        self.observation_space, self.action_space = box(size), box(library.mean.shape[1], 1.0)
+        self.observation_space: spaces.Space[Any] = box(size)
+        self.action_space = box(library.mean.shape[1], 1.0)
         self._state = np.tile(self._start, (num_envs, 1))
         self._keypoints = np.tile(self._start_keypoints, (num_envs, 1, 1))
         self._seen = np.tile(self._start_observation, (num_envs, 1))

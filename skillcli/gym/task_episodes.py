@@ -33,7 +33,7 @@ class TaskEpisodes:
         parts: dict[str, spaces.Space[Any]] = {
             "observation": box(size), "achieved_goal": box(3, dtype=np.float64), "desired_goal": box(3, dtype=np.float64),
         }  # fmt: skip
-        self.observation_space = spaces.Dict(parts) if goal_conditioned else box(size + 3)
+        self.observation_space: spaces.Space[Any] = spaces.Dict(parts) if goal_conditioned else box(size + 3)
         self._everyone = np.arange(num_envs)
         self._seen = env.observe()
         self._achieved = env.achieved_goal()

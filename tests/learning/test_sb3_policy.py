@@ -7,20 +7,19 @@ import io
 import json
 import os
 import pickle
+import shutil
 import sys
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from command import made, skill
+from command import made
+from sb3_file import FEATURES, LATENT, write_model
 
 from skillcli.errors import UsageError
 from skillcli.learning.sb3_policy import read_policy
-
-FEATURES, LATENT = 13, 3  # of the reach task on the Sawyer
 
 
 def model(kind: str, **policy: Any) -> Any:
@@ -38,15 +37,7 @@ def model(kind: str, **policy: Any) -> Any:
 
 
 def saved(folder: Path, **change: bytes) -> tuple[Path, str]:
-    """A file in the form of Stable-Baselines3: `policy` for its weights, `data` for its settings."""
-    buffer = io.BytesIO()
-    torch.save({"mlp_extractor.policy_net.0.weight": torch.ones(4, FEATURES), "mlp_extractor.policy_net.0.bias": torch.zeros(4),
-                "action_net.weight": torch.ones(LATENT, 4), "action_net.bias": torch.zeros(LATENT)}, buffer)  # fmt: skip
-    members = {"policy.pth": change.get("policy", buffer.getvalue()), "data": change.get("data", b"{}")}
-    path = folder / "model.zip"
-    with zipfile.ZipFile(path, "w") as archive:
-        for name, content in members.items():
-            archive.writestr(name, content)
+    path = write_model(folder / "model.zip", **change)
     return path, hashlib.sha256(path.read_bytes()).hexdigest()
 
 
@@ -102,8 +93,6 @@ def test_another_file_than_the_settings_name_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_policy_composes_from_the_command_line(chain: Path, tmp_path: Path) -> None:
-    import shutil
-
     store, (path, digest) = shutil.copytree(chain, tmp_path / "artifacts"), saved(tmp_path)
     words = ("compose", "tiny/embed-means", "--goal", "0.6,0.1,0.25", "--set", "sb3.seconds=0.5")
     found = made("--store", store, *words, "--method", f"sb3:{path}")
@@ -111,9 +100,3 @@ def test_a_policy_composes_from_the_command_line(chain: Path, tmp_path: Path) ->
     shown = made("--store", store, "show", found["id"])
     assert shown["recipe"]["sb3"]["policy_sha256"] == digest
     assert made("--store", store, "verify", found["id"])["ok"]
-    nothing = skill("--store", store, *words, "--method", "sb3")
-    assert nothing.code == 2 and "--method sb3:FILE.zip" in nothing.err
-    missing = skill("--store", store, *words, "--method", "sb3:none.zip")
-    assert missing.code == 2 and "none.zip cannot be read" in missing.err
-    foreign = skill("--store", store, *words, "--method", "search:none.zip")
-    assert foreign.code == 2 and "takes no value" in foreign.err
