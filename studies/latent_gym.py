@@ -19,48 +19,51 @@ from skillcli.hull import Hull
 from skillcli.seeding import generator
 from skillcli.trajectories import Array
 
-
-def unseen_goals(env: Any, count: int) -> Array:
-    """Places drawn uniformly between the trained goals with another seed than any training, (count, 3) m."""
-    return Hull(env.unwrapped.episodes.world.goals).draw(count, generator(0, "unseen goals of the study"))
+SIMULATIONS = 32
 
 
-def final_distances(model: Any, env: Any, goals: Array) -> Array:
-    """Distance to each goal at the end of its episode, the policy without noise, (count,) m."""
-    distances = []
-    for goal in goals:
-        observation, _ = env.reset(options={"goal": goal})
-        over = False
-        while not over:
-            action, _ = model.predict(observation, deterministic=True)
-            observation, _, terminated, truncated, info = env.step(action)
-            over = terminated or truncated
-        distances.append(info["distance"])
-    return np.array(distances)
+def final_distances(model: Any, envs: Any, count: int) -> Array:
+    """Distance to each of `count` unseen goals at the end of its episode, the policy without noise, (count,) m."""
+    goals = Hull(envs.episodes.world.goals).draw(count, generator(0, "unseen goals of the study"))
+    observation, far = envs.reset_to(goals), np.full(count, np.nan)
+    while np.isnan(far).any():
+        action, _ = model.predict(observation, deterministic=True)
+        observation, _, over, infos = envs.step(action)
+        for i in np.flatnonzero(over & np.isnan(far)):
+            far[i] = infos[i]["distance"]
+    return far
 
 
-def learn(model: Any, env: Any, steps: int, rounds: int, count: int, within: float) -> None:
+def learn(model: Any, judges: Any, steps: int, rounds: int, within: float) -> None:
     """Learn in rounds, and print a row after each."""
-    goals, began = unseen_goals(env, count), time.process_time()
-    print(f"| steps | CPU s | unseen goals within {100 * within:g} cm | median | worst |\n|---|---|---|---|---|")
+    began = time.process_time()
+    print(f"| steps | CPU s | unseen goals within {100 * within:g} cm | median | worst |\n|---|---|---|---|---|", flush=True)
     for round_ in range(rounds):
         model.learn(steps // rounds, reset_num_timesteps=round_ == 0)
-        far, spent = final_distances(model, env, goals), time.process_time() - began
-        near = int((far <= within).sum())
-        median, worst = 100 * np.median(far), 100 * far.max()
-        print(f"| {model.num_timesteps:,} | {spent:.0f} | {near} of {count} | {median:.1f} cm | {worst:.1f} cm |", flush=True)
+        far, spent = final_distances(model, judges, judges.num_envs), time.process_time() - began
+        near, median, worst = int((far <= within).sum()), 100 * np.median(far), 100 * far.max()
+        print(
+            f"| {model.num_timesteps:,} | {spent:.0f} | {near} of {len(far)} | {median:.1f} cm | {worst:.1f} cm |", flush=True
+        )
 
 
 def ppo(given: argparse.Namespace) -> Any:
     """PPO over latents."""
     from stable_baselines3 import PPO
 
-    env = gymnasium.make(skillcli.gym.LATENT, library=given.id, store=given.store)
+    from skillcli.gym.stable_baselines import BatchVecEnv
+
+    def make(count: int) -> BatchVecEnv:
+        envs = gymnasium.make_vec(
+            skillcli.gym.LATENT, num_envs=count, library=given.id, store=given.store, threads=given.threads
+        )
+        return BatchVecEnv(envs, given.seed)
+
     model = PPO(
-        "MlpPolicy", env, seed=given.seed, n_steps=1024, batch_size=128, n_epochs=10, gamma=0.9, learning_rate=1e-3,
-        policy_kwargs={"log_std_init": -0.7}, device="cpu",
+        "MlpPolicy", make(SIMULATIONS), seed=given.seed, n_steps=32, batch_size=256, n_epochs=10, gamma=0.9,
+        learning_rate=2e-3, policy_kwargs={"log_std_init": -0.7}, device="cpu",
     )  # fmt: skip
-    learn(model, env, given.steps or 61_440, 6, given.goals, 0.02)
+    learn(model, make(given.goals), given.steps or 61_440, 6, 0.02)
     return model
 
 
@@ -68,12 +71,19 @@ def sac(given: argparse.Namespace) -> Any:
     """SAC with hindsight experience replay, on joint increments."""
     from stable_baselines3 import SAC, HerReplayBuffer
 
-    env = gymnasium.make(skillcli.gym.task_id("reach", True))
+    from skillcli.gym.stable_baselines import BatchVecEnv
+
+    def make(count: int) -> BatchVecEnv:
+        envs = gymnasium.make_vec(skillcli.gym.task_id("reach", True), num_envs=count, threads=given.threads)
+        return BatchVecEnv(envs, given.seed)
+
     model = SAC(
-        "MultiInputPolicy", env, seed=given.seed, replay_buffer_class=HerReplayBuffer, gamma=0.95, learning_starts=1000,
-        learning_rate=1e-3, train_freq=4, device="cpu", policy_kwargs={"net_arch": [128, 128]},
+        "MultiInputPolicy", make(SIMULATIONS), seed=given.seed, replay_buffer_class=HerReplayBuffer, gamma=0.95,
+        learning_starts=SIMULATIONS * 65, learning_rate=1e-3, train_freq=1, gradient_steps=4, device="cpu",
+        policy_kwargs={"net_arch": [128, 128]},
     )  # fmt: skip
-    learn(model, env, given.steps or 30_000, 6, given.goals, env.unwrapped.episodes.world.task.tolerance)
+    judges = make(given.goals)
+    learn(model, judges, given.steps or 60_000, 6, judges.episodes.world.task.tolerance)
     return model
 
 
@@ -85,6 +95,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--steps", type=int, help="of the environment; by default enough")
     parser.add_argument("--goals", type=int, default=50)
+    parser.add_argument("--threads", type=int, default=0, help="of the engine, 0 for all cores")
     parser.add_argument("-o", "--output", type=Path, help="where to save the model, for `skill compose --method sb3:FILE`")
     given = parser.parse_args()
     model = {"ppo": ppo, "sac": sac}[given.learner](given)

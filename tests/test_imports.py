@@ -45,6 +45,7 @@ ONLY_IN = {
     "paramiko": ("store/remote_fsspec.py",),
     "gymnasium": ("gym/",),
     "minari": ("gym/",),
+    "stable_baselines3": ("gym/",),
     "xarray": ("trajectories.py",),
     "franky": ("execution/drivers/franka.py",),
     "roslibpy": ("execution/drivers/rosbridge.py",),
@@ -102,6 +103,8 @@ def test_help_loads_nothing_heavy(words: tuple[str, ...]) -> None:
         "try: main()\n"
         "except SystemExit as leaving: assert not leaving.code\n"
         "heavy = {'torch', 'mujoco', 'h5py', 'rerun', 'matplotlib', 'scipy', 'numpy', 'onnx', 'fsspec'} & set(sys.modules)\n"
+        "heavy = {'torch', 'mujoco', 'h5py', 'rerun', 'matplotlib', 'scipy', 'numpy', 'onnx', 'gymnasium', 'xarray'}\n"
+        "heavy &= set(sys.modules)\n"
         "sys.exit(f'loaded {heavy}' if heavy else 0)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
