@@ -122,7 +122,7 @@ class SkillVectorEnv(VectorEnv[Any, Any, Any]):
         return self.episodes.observe(), np.where(over, 0.0, played.reward), terminated, truncated, infos
 
     def _reseed(self, seed: int | Sequence[int | None] | None) -> None:
-        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed
+        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int | np.integer) else seed
         if seeds is None:
             seeds = [None] * self.num_envs
         if len(seeds) != self.num_envs:

@@ -62,6 +62,6 @@ class TaskEpisodes:
         self._seen, self._achieved = step.observation, env.achieved_goal()
         gap = self._achieved - env.desired_goal
         distance = np.sqrt(np.einsum("ij,ij->i", gap, gap))
-        success = distance <= env.tolerance
+        success = (distance <= env.tolerance) & ~step.terminated  # the engine has put what failed back to the start
         reward = success.astype(float) if self._conditioned else step.reward
         return Played(reward, step.terminated, step.truncated, distance, success)
