@@ -34,7 +34,6 @@ class TaskEpisodes:
             "observation": box(size), "achieved_goal": box(3, dtype=np.float64), "desired_goal": box(3, dtype=np.float64),
         }  # fmt: skip
         self.observation_space: spaces.Space[Any] = spaces.Dict(parts) if goal_conditioned else box(size + 3)
-        self._everyone = np.arange(num_envs)
         self._seen = env.observe()
         self._achieved = env.achieved_goal()
 

@@ -9,6 +9,7 @@ import hashlib
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +19,10 @@ from skillcli.composition.plan import Segment
 from skillcli.config.base import value
 from skillcli.errors import SkillError, UsageError
 from skillcli.paths import LONGEST_PATH, read_small
+
+if TYPE_CHECKING:
+    from skillcli.composition.latent_environment import LatentEnvironment
+    from skillcli.learning.sb3_policy import Policy
 
 MAX_BYTES = 1 << 26  # larger than the file of any small network
 
@@ -44,26 +49,25 @@ def plan(problem: PlanningProblem) -> PlanResult:
     if not settings.policy:
         raise UsageError("no policy is given", "give its file: --method sb3:FILE.zip")
     policy = read_policy(Path(settings.policy), settings.policy_sha256)
-    steps, world, route, bounds = (
-        problem.steps(settings.segment),
-        problem.make_world(1),
-        problem.route,
-        LatentBounds(problem.bounds),
-    )
+    world = problem.make_world(1)
+    segments = _play(problem, settings, policy, world)
+    if not segments:
+        raise SkillError("the first latent of the policy fails at once", "train it longer, or use another --method")
+    return PlanResult(segments, world.held, world.control_steps * problem.period, weights=policy.arrays())
+
+
+def _play(problem: PlanningProblem, settings: Sb3Settings, policy: Policy, world: LatentEnvironment) -> list[Segment]:
+    """Hold what the policy chooses until the last waypoint is met, time is up, or a latent fails."""
+    steps, route, bounds = problem.steps(settings.segment), problem.route, LatentBounds(problem.bounds)
     sim_state, keypoints = world.start()
     seen, waypoint, segments = world.observe(sim_state)[0], np.zeros((1, 1), dtype=int), list[Segment]()
-    wanted = seen.size + keypoints[0].size, problem.mean.shape[1]
-    if policy.sizes != wanted:
-        raise UsageError(
-            "{} takes {} numbers and gives {}; here are {} and {}".format(settings.policy, *policy.sizes, *wanted),
-            "it has to learn on skill/Latent-v0 with this library",
-        )
+    _check_sizes(settings.policy, policy.sizes, (seen.size + keypoints[0].size, problem.mean.shape[1]))
     for _ in range(problem.segments(settings.seconds, steps)):
         features = np.concatenate([seen, route.gap(waypoint[0], keypoints).ravel()])[None]
         latent = bounds.latent(policy(features))
         outcome = world.hold(sim_state[None], latent, steps)
         if outcome.failed.any():
-            break  # the plan ends before
+            break
         progress = route.follow(waypoint, outcome.path, settings.goal_tolerance)
         arrived = int(progress.arrived[0])
         segments.append(Segment(latent[0].astype(float), -1, "latent", arrived or steps))
@@ -71,9 +75,15 @@ def plan(problem: PlanningProblem) -> PlanResult:
             break
         sim_state, keypoints, seen = outcome.sim_states[0], outcome.path[0, :, -1], outcome.observation[0, 0]
         waypoint = progress.next_waypoint
-    if not segments:
-        raise SkillError("the first latent of the policy fails at once", "train it longer, or use another --method")
-    return PlanResult(segments, world.held, world.control_steps * problem.period, weights=policy.arrays())
+    return segments
+
+
+def _check_sizes(path: str, found: tuple[int, int], wanted: tuple[int, int]) -> None:
+    if found != wanted:
+        raise UsageError(
+            f"{path} takes {found[0]} numbers and gives {found[1]}, expected {wanted[0]} and {wanted[1]}",
+            "it has to learn on skill/Latent-v0 with this library",
+        )
 
 
 def _given(path: str) -> Sequence[str]:
