@@ -32,7 +32,7 @@ class BatchVecEnv(VecEnv):
         self.render_mode = None
         super().__init__(inner.num_envs, inner.single_observation_space, inner.single_action_space)
         self._rngs = [seeding.np_random(seed + i)[0] for i in range(self.num_envs)]
-        self._action: Array = np.zeros((self.num_envs, *inner.single_action_space.shape))
+        self._action: Array = np.zeros((self.num_envs, *self.episodes.action_space.shape))
 
     def reset(self) -> Any:
         """See Stable-Baselines3."""
@@ -58,7 +58,7 @@ class BatchVecEnv(VecEnv):
         ]
         ended = np.flatnonzero(over)
         for i in ended:
-            infos[i]["terminal_observation"] = _row(observations, i)
+            infos[i]["terminal_observation"] = _row(observations, int(i))
             infos[i]["TimeLimit.truncated"] = bool(played.truncated[i] and not played.terminated[i])
         if len(ended):
             self._begin(ended)
