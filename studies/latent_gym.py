@@ -35,16 +35,21 @@ def final_distances(model: Any, envs: Any, count: int) -> Array:
 
 
 def learn(model: Any, judges: Any, steps: int, rounds: int, within: float) -> None:
-    """Learn in rounds, and print a row after each."""
+    """Learn, and print a row of the table now and then, and at the end."""
+    from stable_baselines3.common.callbacks import ConvertCallback, EveryNTimesteps
+
     began = time.process_time()
     print(f"| steps | CPU s | unseen goals within {100 * within:g} cm | median | worst |\n|---|---|---|---|---|", flush=True)
-    for round_ in range(rounds):
-        model.learn(steps // rounds, reset_num_timesteps=round_ == 0)
+
+    def judge(*_: Any) -> bool:
         far, spent = final_distances(model, judges, judges.num_envs), time.process_time() - began
         near, median, worst = int((far <= within).sum()), 100 * np.median(far), 100 * far.max()
-        print(
-            f"| {model.num_timesteps:,} | {spent:.0f} | {near} of {len(far)} | {median:.1f} cm | {worst:.1f} cm |", flush=True
-        )
+        row = f"| {model.num_timesteps:,} | {spent:.0f} | {near} of {len(far)} | {median:.1f} cm | {worst:.1f} cm |"
+        print(row, flush=True)
+        return True
+
+    model.learn(steps, callback=EveryNTimesteps(steps // rounds, ConvertCallback(judge)))
+    judge()
 
 
 def ppo(given: argparse.Namespace) -> Any:
@@ -61,9 +66,9 @@ def ppo(given: argparse.Namespace) -> Any:
 
     model = PPO(
         "MlpPolicy", make(SIMULATIONS), seed=given.seed, n_steps=32, batch_size=256, n_epochs=10, gamma=0.9,
-        learning_rate=2e-3, policy_kwargs={"log_std_init": -0.7}, device="cpu",
+        learning_rate=lambda left: 2e-3 * left, policy_kwargs={"log_std_init": -0.7}, device="cpu",
     )  # fmt: skip
-    learn(model, make(given.goals), given.steps or 61_440, 6, 0.02)
+    learn(model, make(given.goals), given.steps or 81_920, 5, 0.02)
     return model
 
 
