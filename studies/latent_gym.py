@@ -1,7 +1,8 @@
 """What Stable-Baselines3 learns on our Gymnasium environments, as a study of its own: `python -m studies.latent_gym --help`.
 
-`ppo` learns on skill/Latent-v0 for goals anywhere between the trained ones, `sac` with hindsight on skill/ReachGoal-v0. Each
-prints a table with its curve: how many unseen goals are met after so many steps, and how long that took.
+`ppo` learns on skill/Latent-v0 for goals anywhere between the trained ones, `sac` with hindsight on skill/PointGoal-v0 or the
+goals of another task. Each prints a table with its curve: how many unseen goals are met after so many steps, and how long
+that took.
 """
 
 from __future__ import annotations
@@ -79,16 +80,16 @@ def sac(given: argparse.Namespace) -> Any:
     from skillcli.gym.stable_baselines import BatchVecEnv
 
     def make(count: int) -> BatchVecEnv:
-        envs = gymnasium.make_vec(skillcli.gym.task_id("reach", True), num_envs=count, threads=given.threads)
+        envs = gymnasium.make_vec(skillcli.gym.task_id(given.task, True), num_envs=count, threads=given.threads)
         return BatchVecEnv(envs, given.seed)
 
     model = SAC(
         "MultiInputPolicy", make(SIMULATIONS), seed=given.seed, replay_buffer_class=HerReplayBuffer, gamma=0.95,
-        learning_starts=SIMULATIONS * 65, learning_rate=1e-3, train_freq=1, gradient_steps=4, device="cpu",
+        learning_starts=SIMULATIONS * 65, learning_rate=1e-3, train_freq=1, gradient_steps=given.updates, device="cpu",
         policy_kwargs={"net_arch": [128, 128]},
     )  # fmt: skip
     judges = make(given.goals)
-    learn(model, judges, given.steps or 60_000, 6, judges.episodes.world.task.tolerance)
+    learn(model, judges, given.steps or 20_480, 5, judges.episodes.world.task.tolerance)
     return model
 
 
@@ -97,6 +98,8 @@ def main() -> None:
     parser.add_argument("learner", choices=("ppo", "sac"))
     parser.add_argument("--store", type=Path, default=Path("artifacts"))
     parser.add_argument("--id", default="reference-reach/embed-means")
+    parser.add_argument("--task", default="point", help="whose goals `sac` learns to meet")
+    parser.add_argument("--updates", type=int, default=8, help="gradient steps of `sac` for every step of all environments")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--steps", type=int, help="of the environment; by default enough")
     parser.add_argument("--goals", type=int, default=50)

@@ -88,6 +88,8 @@ def _check_sizes(path: str, found: tuple[int, int], wanted: tuple[int, int]) -> 
 
 def _given(path: str) -> Sequence[str]:
     """Return the settings that name a file and its content."""
+    if not path:
+        raise UsageError("--method sb3: names no file", "give it: --method sb3:FILE.zip")
     try:
         digest = hashlib.sha256(read_small(Path(path), MAX_BYTES)).hexdigest()
     except (OSError, ValueError) as error:
