@@ -9,15 +9,39 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import xarray
 
 Array = NDArray[Any]
 
 # Safety limits, by column of `violations` and `violated`; without a box there are no columns of its limits.
 SAFETY_LIMITS = ("joint_range", "joint_speed", "table_clearance", "box_pressed", "box_tipped")
+
+# Dimensions and unit of every field of `Trajectories`, as the store keeps them.
+AXES = {
+    "time": ("step+1", "s"),
+    "latent": ("episode,step,latent", ""),
+    "skill": ("episode,step", ""),
+    "action": ("episode,step,action", "rad or m"),
+    "reward": ("episode,step", ""),
+    "target": ("episode,xyz", "m"),
+    "success": ("episode", ""),
+    "length": ("episode", "step"),
+    "joint_position": ("episode,step+1,joint", "rad"),
+    "gripper_position": ("episode,step+1,xyz", "m"),
+    "object_pose": ("episode,step+1,pose", "m"),
+    "position": ("episode,step+1,xy", "m"),
+    "judged_position": ("episode,step+1,xyz", "m"),
+    "unstable": ("episode", ""),
+    "gave_up": ("episode", ""),
+    "violations": ("episode,limit", "step"),
+    "violated": ("episode,step,limit", ""),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,6 +132,25 @@ class Trajectories:
         """Return the present fields by their paths in an artifact, whose `group("trajectories")` is what `arrays` returns."""
         return {f"trajectories/{name}": array for name, array in self.arrays().items()}
 
+    def to_xarray(self) -> xarray.Dataset:
+        """Return everything as one dataset with named dimensions, units and a clock; needs the extra `xarray`.
+
+        States have the dimension `time`, (T+1,) s; what happens between two of them has `step`, whose coordinate is the time at
+        its beginning, (T,) s. `xyz`, `xy`, `pose` and `limit` are labelled. Row `length` of an episode is its last state.
+        """
+        import xarray
+
+        renamed = {"step+1": "time", "latent": "latent_axis", "action": "action_axis"}  # no dimension has the name of a field
+        variables = {
+            name: xarray.Variable([renamed.get(one, one) for one in AXES[name][0].split(",")], value, {"units": AXES[name][1]})
+            for name, value in self.arrays().items()
+            if name != "time"
+        }
+        sizes = {dimension: size for variable in variables.values() for dimension, size in variable.sizes.items()}
+        labels = {name: list(all_labels[: sizes[name]]) for name, all_labels in _LABELS.items() if name in sizes}
+        clock = {"time": ("time", self.time, {"units": "s"}), "step": ("step", self.time[:-1], {"units": "s"})}
+        return xarray.Dataset(variables, {**clock, **labels})
+
     def with_success(self, success: Array) -> Trajectories:
         """Replace the success of the episodes, (E,) bool."""
         return replace(self, success=success)
@@ -144,6 +187,7 @@ class Trajectories:
         return Trajectories(**chosen)
 
 
+_LABELS = {"xyz": "xyz", "xy": "xy", "pose": ("x", "y", "z", "qw", "qx", "qy", "qz"), "limit": SAFETY_LIMITS}
 _DONE = ("action", "reward", "violated")  # per-step fields: zero once an episode is over
 _PER_STEP = (
     *_DONE,

@@ -1,4 +1,4 @@
-"""How fast collecting and training go against the bare engine, how fast `skill --help` is, and how much memory it takes.
+"""How fast collecting, training and Gymnasium environments go against the bare engine; speed of `skill --help`; memory.
 
     python -m tests.bench [ITERATIONS]
 
@@ -13,6 +13,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -24,6 +25,7 @@ from skillcli.tasks.world import World
 
 # Of reach for every bundled arm.
 RECIPES = "reach", "reach-ur5e", "reach-panda", "reach-so101"
+ENVIRONMENTS = "skill/Reach-v0", "skill/ReachGoal-v0", "skill/Push-v0"
 STARTS = 7  # of each program
 
 EMPTY_PROGRAM = """
@@ -59,6 +61,44 @@ def throughput(name: str, iterations: int) -> dict[str, float]:
     }
 
 
+def gymnasium_ratio(name: str, episodes: int = 5) -> float:
+    """Time of a step of 256 Gymnasium environments, resets included, over that of the bare engine in the same states."""
+    import gymnasium
+
+    import skillcli.gym  # noqa: F401
+
+    envs = gymnasium.make_vec(name, num_envs=256)
+    batch = envs.unwrapped.episodes.env  # type: ignore[attr-defined]
+    bare, rng, spent, steps = BareEngine(batch), np.random.default_rng(0), 0.0, 0
+    envs.reset(seed=0)
+    for episode in range(episodes + 1):
+        if episode:  # first calls are slow everywhere
+            bare.watch()
+        for _ in range(batch.horizon + 1):
+            actions = rng.uniform(-1, 1, envs.action_space.shape)
+            began = time.perf_counter()
+            envs.step(actions)
+            spent, steps = (spent + time.perf_counter() - began, steps + 256) if episode else (0.0, 0)
+        bare.measure()
+    assert bare.rate is not None
+    return spent / steps * bare.rate
+
+
+def single_rate(name: str, steps: int = 3000) -> float:
+    """Control steps per second of one Gymnasium environment with random actions, resets included."""
+    import gymnasium
+
+    import skillcli.gym  # noqa: F401
+
+    env = gymnasium.make(name)
+    env.reset(seed=0)
+    began = time.perf_counter()
+    for _ in range(steps):
+        if any(env.step(env.action_space.sample())[2:4]):
+            env.reset()
+    return steps / (time.perf_counter() - began)
+
+
 def start_seconds(command: list[str]) -> float:
     """Median time of a program from start to end."""
     taken = []
@@ -79,6 +119,9 @@ def main() -> None:
         for name, rate in rates.items():
             ratio = rate / rates["bare engine"]
             table.add_row(f"{recipe}: {name}", f"{rate:,.0f} control steps/s", f"{ratio:.2f}", wanted[name])
+    for name in ENVIRONMENTS:
+        table.add_row(f"gymnasium.make_vec, {name}", "256 environments", f"{gymnasium_ratio(name):.2f}", "≤ 1.15")
+    table.add_row(f"gymnasium.make, {ENVIRONMENTS[0]}", f"{single_rate(ENVIRONMENTS[0]):,.0f} control steps/s", "", "≥ 3,000")
     memory = peak_memory_mb()
     empty = start_seconds([sys.executable, "-c", EMPTY_PROGRAM, "--help"])
     skill = start_seconds([str(Path(sys.executable).parent / "skill"), "--help"])

@@ -37,7 +37,7 @@ def test_no_two_files_of_tests_have_one_name() -> None:
 def test_the_docs_show_every_part_on_its_floor() -> None:
     page = (TESTS.parent / "docs" / "index.md").read_text(encoding="utf-8")
     shown = dict.fromkeys(range(len(FLOORS) + 1), frozenset[str]())
-    for floor, parts in re.findall(r"^    (\d)  ([a-z]+(?:, [a-z]+)*)", page, flags=re.MULTILINE):
+    for floor, parts in re.findall(r"^    (\d+) +([a-z]+(?:, [a-z]+)*)", page, flags=re.MULTILINE):
         shown[int(floor)] |= set(parts.split(", "))
     above = set[str]().union(*FLOORS)
     ground = {path.stem for path in PACKAGE.glob("[a-z]*.py")} - above

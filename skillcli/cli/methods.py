@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from skillcli.composition.registry import DEFAULT, METHODS, all_specs, method_spec
+from skillcli.composition.registry import DEFAULT, METHODS, all_specs, method_spec, split_method
 from skillcli.errors import UsageError
 
 PANEL = "Options of the method"
@@ -23,6 +23,7 @@ class ByMethod(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """See click; refuse options of another method."""
+        args = _expanded(args)
         named = _named(args)
         ctx.meta[CHOSEN] = method = named if named is not None or "--help" in args else DEFAULT
         if method is not None:
@@ -93,6 +94,16 @@ def refuse_strays(method: str, args: Sequence[str]) -> None:
             raise UsageError(
                 f"--{option} belongs to --method {' or '.join(owners)}, not to {method}", f"{method} takes {taken}"
             )
+
+
+def _expanded(args: Sequence[str]) -> list[str]:
+    """Write `--method NAME:VALUE` as `--method NAME` and the option that the value sets."""
+    named = _named(args)
+    if named is None or ":" not in named:
+        return list(args)
+    method, given = split_method(named)
+    words = [word.replace(named, method, 1) if word in (named, f"--method={named}") else word for word in args]
+    return [*words, *(word for option, value in given.items() for word in (f"--{option}", value))]
 
 
 def _named(args: Sequence[str]) -> str | None:

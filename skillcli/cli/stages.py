@@ -69,10 +69,10 @@ def pretrain(
     ] = None,
 ) -> None:
     """Train policy and skill embedding together in simulation (stage 1)."""
+    from skillcli.api.work import train
     from skillcli.evaluation.inputs import pretrain_inputs
     from skillcli.kinds import PRETRAIN
     from skillcli.recipe import load_recipe
-    from skillcli.stages.pretrain import pretrain as stage
     from skillcli.tasks.world import World
 
     session: Session = context.obj
@@ -85,8 +85,11 @@ def pretrain(
         on_progress = opened.enter_context(session.progress())
         if tensorboard:
             on_progress = opened.enter_context(progress_view.tensorboard(tensorboard, on_progress))
-        artifact = stage(session.store, resolved, seed, folder, session.command, resume, threads, on_progress)
-    _done(session, artifact, f"skill embed-means {artifact.id}")
+        trained = train(
+            resolved, seed=seed, name=folder, store=session.store, resume=resume, threads=threads,
+            command=session.command, on_progress=on_progress,
+        )  # fmt: skip
+    _done(session, trained.artifact, f"skill embed-means {trained.id}")
 
 
 def embed_means(
@@ -180,34 +183,24 @@ def transfer_eval(
 
     usual, *others = TRANSFER_EVAL.made_from
     found = session.pick(source, usual, *(others if source else ()))
-    from skillcli.evaluation.consistency import stored_recipe
-    from skillcli.stages.transfer_eval import transfer_eval as stage
+    from skillcli.api.work import evaluate
 
-    given = [*(overrides or ()), *(["transfer.replan=true"] if replan else [])]
-    recipe = stored_recipe(session.store.read(found), given)
-    domains = list(dict.fromkeys(domain or recipe.transfer.domains))
     other = None
     if robot is not None:
+        from skillcli.evaluation.consistency import stored_recipe
         from skillcli.robots.robot import load_robot, load_target
 
-        other = load_target(robot, load_robot(recipe.robot))
+        other = load_target(robot, load_robot(stored_recipe(session.store.read(found)).robot))
         for note in other.notes:
             session.say(f"{robot}: {note}")
     with _whole(TRANSFER_EVAL.name), session.progress() as on_progress:
-        artifact = stage(
-            session.store,
-            found,
-            recipe,
-            domains,
-            episodes or recipe.transfer.episodes,
-            seed,
-            session.command,
-            checked(name),
-            on_progress,
-            other,
-            sensitivity,
-        )
-    _done(session, artifact, f"skill viz {artifact.id} --open   # the worst domain first, and in it the worst episode")
+        evaluated = evaluate(
+            str(found), domain or (), episodes=episodes, replan=replan, robot=other, settings=overrides or (),
+            sensitivity=sensitivity, seed=seed, name=checked(name), store=session.store,
+            command=session.command, on_progress=on_progress,
+        )  # fmt: skip
+    then = f"skill viz {evaluated.id} --open   # the worst domain first, and in it the worst episode"
+    _done(session, evaluated.artifact, then)
 
 
 def run(

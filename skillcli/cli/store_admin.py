@@ -12,7 +12,7 @@ import typer
 from skillcli.cli import typed
 from skillcli.cli.session import Session
 from skillcli.cli.store_view import FullId, Id
-from skillcli.errors import UsageError
+from skillcli.errors import SkillError, UsageError
 
 if TYPE_CHECKING:
     from skillcli.execution.policy_file import Exported
@@ -111,17 +111,31 @@ def export(
             metavar="FILE.onnx",
         ),
     ] = None,
+    minari: Annotated[
+        Path | None,
+        typer.Option(
+            "--minari", help="Write its trajectories instead, as a data set of Minari below this folder.", metavar="DIR"
+        ),
+    ] = None,
 ) -> None:
     """Write an artifact with all its ancestors into one archive, for `skill import` elsewhere.
 
     With --onnx, write its policy into one file that needs no skill: of a pretrain, embed-means or compose artifact.
+    With --minari, write its trajectories as offline data, which Minari loads by the same id.
     """
     from skillcli.store import export as write
 
     session: Session = context.obj
+    if sum(place is not None for place in (output, onnx, minari)) > 1:
+        given = " and ".join(
+            name for name, place in (("-o", output), ("--onnx", onnx), ("--minari", minari)) if place is not None
+        )
+        hint = "give one of them: -o an archive, --onnx the policy alone, --minari the trajectories"
+        raise UsageError(f"{given} write different files", hint)
+    if minari is not None:
+        _export_trajectories(session, source, minari)
+        return
     if onnx is not None:
-        if output is not None:
-            raise UsageError("--onnx and -o write different files", "give one of them: -o an archive, --onnx the policy alone")
         _export_policy(session, source, onnx)
         return
     found = session.pick(source)
@@ -131,6 +145,21 @@ def export(
     session.result(
         {"id": str(found), "file": str(path), "bytes": size, "artifacts": [str(one) for one in ids]},
         f"{path}: {', '.join(map(str, ids))} ({size / 1e6:.1f} MB)",
+    )
+
+
+def _export_trajectories(session: Session, source: str | None, root: Path) -> None:
+    try:
+        from skillcli.gym.minari_data import export_minari
+    except ImportError:
+        raise SkillError("--minari needs the package minari", "install it: pip install 'skillcli[minari]'") from None
+    found = session.pick(source)
+    artifact = session.store.read(found)
+    folder = export_minari(artifact, root)
+    episodes = len(artifact.arrays["trajectories/length"])
+    session.result(
+        {"id": str(found), "minari": str(folder), "dataset_id": str(found), "episodes": episodes},
+        f"{folder}: {episodes} episodes; MINARI_DATASETS_PATH={root} lets minari.load_dataset({str(found)!r}) find them",
     )
 
 

@@ -86,6 +86,7 @@ class MethodSpec:
         write: writes plans from the goals of skills or from typed text; None for a method that needs goals.
         examine: measures something about the skills in addition to the plans; None for nothing.
         overrides_on_target: KEY=VALUE settings for planning on a target, unless the user gives others.
+        argument: the option that `--method NAME:VALUE` sets; "" for none.
         hands_over_to: the method that plans instead where this one cannot; "" for none.
     """
 
@@ -102,6 +103,7 @@ class MethodSpec:
     write: Callable[[WrittenRequest], list[WrittenRoute]] | None = None
     examine: Callable[[PlanningProblem], Finding] | None = None
     overrides_on_target: tuple[str, ...] = field(default=())
+    argument: str = ""
     hands_over_to: str = ""
 
     @property

@@ -6,8 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeVar
 
-import numpy as np
-
+from skillcli.composition.latent_bounds import bounds_of
 from skillcli.composition.latent_environment import LatentEnvironment
 from skillcli.composition.plan import Segment
 from skillcli.composition.planner import Planner
@@ -63,7 +62,7 @@ class PlanningProblem:
     @property
     def bounds(self) -> Array:
         """Return lowest and highest latent, (2, d): two standard deviations around all means."""
-        return np.stack([(self.mean - 2 * self.std).min(axis=0), (self.mean + 2 * self.std).max(axis=0)])
+        return bounds_of(self.mean, self.std)
 
     @property
     def route(self) -> Route:

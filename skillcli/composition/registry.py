@@ -53,6 +53,10 @@ METHODS = {
         "sampled sequences of latents, replanned for every segment; plans faster than the robot moves",
         "skillcli.composition.mpc",
     ),
+    "sb3": Method(
+        "a policy that Stable-Baselines3 learned on skill/Latent-v0, given as --method sb3:FILE.zip",
+        "skillcli.learning.sb3_method",
+    ),
 }
 DEFAULT = "search"
 
@@ -66,6 +70,21 @@ def method_spec(name: str) -> MethodSpec:
     if name not in METHODS:
         raise UsageError(f"no method {name!r}", f"methods: {', '.join(METHODS)}")
     return METHODS[name].spec
+
+
+def split_method(text: str) -> tuple[str, dict[str, str]]:
+    """Split `NAME` or `NAME:VALUE` into the method's name and the option that the value sets.
+
+    Raises:
+        UsageError: there is no such method, or it takes no value.
+    """
+    name, colon, value = text.partition(":")
+    argument = method_spec(name).argument
+    if not colon:
+        return name, {}
+    if not argument:
+        raise UsageError(f"--method {name} takes no value, got {value!r}", f"give --method {name}")
+    return name, {argument: value}
 
 
 def all_specs() -> dict[str, MethodSpec]:

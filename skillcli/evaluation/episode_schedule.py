@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,14 +32,19 @@ class EpisodeSchedule:
     def of(source: Artifact, library: Library) -> EpisodeSchedule:
         """Make the schedule of an artifact with a plan, or of bare skills; one episode per route or skill."""
         if kind_spec(source.kind).holds("plan"):
-            plan = Plan.read(source.arrays, library.recipe.task.control_period)
-            target, route = source.arrays["waypoints/target"], source.arrays["waypoints/route"]
-            waypoints = tuple(target[route == index] for index in range(len(plan.routes)))
-            return EpisodeSchedule(*plan.schedules(), waypoints)
+            return EpisodeSchedule.of_plan(source.arrays, library.recipe.task.control_period)
         horizon = library.recipe.task.horizon
         latents = np.repeat(library.mean[:, None], horizon, axis=1)
         skills = np.repeat(np.arange(len(library.mean))[:, None], horizon, axis=1)
         return EpisodeSchedule(latents, skills, np.full(len(latents), horizon), tuple(goal[None] for goal in library.goals))
+
+    @staticmethod
+    def of_plan(arrays: Mapping[str, Array], period: float) -> EpisodeSchedule:
+        """Make the schedule of a plan from the arrays of a composition, with control steps of `period` s."""
+        plan = Plan.read(arrays, period)
+        target, route = arrays["waypoints/target"], arrays["waypoints/route"]
+        waypoints = tuple(target[route == index] for index in range(len(plan.routes)))
+        return EpisodeSchedule(*plan.schedules(), waypoints)
 
     def in_turn(self, episodes: int) -> EpisodeSchedule:
         """Repeat the episodes in order until there are this many."""

@@ -3,29 +3,30 @@
 from __future__ import annotations
 
 from skillcli.kinds.spec import COUNT, POSITIVE, TRUTH, Field, Values, index
+from skillcli.trajectories import AXES
 
 POSITIONS = {
-    "trajectories/joint_position": Field("episode,step+1,joint", "rad", required=False),
-    "trajectories/gripper_position": Field("episode,step+1,xyz", "m", required=False),
-    "trajectories/object_pose": Field("episode,step+1,pose", "m", required=False),
-    "trajectories/position": Field("episode,step+1,xy", "m", required=False),
+    "trajectories/joint_position": Field(*AXES["joint_position"], required=False),
+    "trajectories/gripper_position": Field(*AXES["gripper_position"], required=False),
+    "trajectories/object_pose": Field(*AXES["object_pose"], required=False),
+    "trajectories/position": Field(*AXES["position"], required=False),
 }
 """At least one of them is required."""
 
 TRAJECTORIES = {
-    "trajectories/time": Field("step+1", "s"),
-    "trajectories/latent": Field("episode,step,latent"),
-    "trajectories/skill": Field("episode,step", values=index("skill", none=True)),
-    "trajectories/action": Field("episode,step,action", "rad or m"),
-    "trajectories/reward": Field("episode,step"),
-    "trajectories/target": Field("episode,xyz", "m"),
-    "trajectories/success": Field("episode", values=TRUTH),
-    "trajectories/length": Field("episode", "step", values=Values("i", 1, of="trajectories: step")),
-    "trajectories/violations": Field("episode,limit", "step", required=False, values=COUNT),
-    "trajectories/violated": Field("episode,step,limit", required=False, values=TRUTH),
-    "trajectories/unstable": Field("episode", required=False, values=TRUTH),
-    "trajectories/gave_up": Field("episode", required=False, values=TRUTH),
-    "trajectories/judged_position": Field("episode,step+1,xyz", "m", required=False),
+    "trajectories/time": Field(*AXES["time"]),
+    "trajectories/latent": Field(*AXES["latent"]),
+    "trajectories/skill": Field(*AXES["skill"], values=index("skill", none=True)),
+    "trajectories/action": Field(*AXES["action"]),
+    "trajectories/reward": Field(*AXES["reward"]),
+    "trajectories/target": Field(*AXES["target"]),
+    "trajectories/success": Field(*AXES["success"], values=TRUTH),
+    "trajectories/length": Field(*AXES["length"], values=Values("i", 1, of="trajectories: step")),
+    "trajectories/violations": Field(*AXES["violations"], required=False, values=COUNT),
+    "trajectories/violated": Field(*AXES["violated"], required=False, values=TRUTH),
+    "trajectories/unstable": Field(*AXES["unstable"], required=False, values=TRUTH),
+    "trajectories/gave_up": Field(*AXES["gave_up"], required=False, values=TRUTH),
+    "trajectories/judged_position": Field(*AXES["judged_position"], required=False),
     **POSITIONS,
 }
 """Recorded episodes."""

@@ -1,34 +1,16 @@
-"""Parts shared by learned composers: latents in units of their bounds, and networks from features."""
+"""Parts shared by learned composers: networks from features, and a round of choices."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
 from skillcli.errors import SkillError
 from skillcli.learning.networks import Normalizer, mlp
 from skillcli.trajectories import Array
-
-
-class LatentBounds:
-    """Converts latents between bounds (2, d), lowest and highest, to units in [-1, 1]^d, and back."""
-
-    def __init__(self, bounds: Array) -> None:
-        self._centre, self._half = bounds.mean(axis=0), (bounds[1] - bounds[0]) / 2
-
-    def latent(self, unit: Array) -> Array:
-        """Convert units (N, d) to latents."""
-        latent: Array = self._centre + self._half * np.clip(unit, -1.0, 1.0)
-        return latent
-
-    def unit(self, latent: Array) -> Array:
-        """Convert latents (N, d) to units."""
-        unit: Array = (latent - self._centre) / self._half
-        return unit
 
 
 class Trace:
@@ -99,4 +81,4 @@ def check_finite(method: str, logged: Mapping[str, float], *modules: nn.Module) 
         )
 
 
-__all__ = ["Head", "LatentBounds", "Normalizer", "Trace", "arrays_of", "check_finite", "tensor"]
+__all__ = ["Head", "Normalizer", "Trace", "arrays_of", "check_finite", "tensor"]

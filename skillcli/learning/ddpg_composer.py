@@ -12,7 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from skillcli.learning.composer import Head, LatentBounds, Normalizer, Trace, arrays_of, check_finite, tensor
+from skillcli.composition.latent_bounds import LatentBounds
+from skillcli.learning.composer import Head, Normalizer, Trace, arrays_of, check_finite, tensor
 from skillcli.learning.ddpg_method import DdpgSettings
 from skillcli.learning.descent import descend
 from skillcli.learning.ring_buffer import RingBuffer

@@ -8,8 +8,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from skillcli.composition.latent_bounds import LatentBounds
 from skillcli.learning import gaussian
-from skillcli.learning.composer import Head, LatentBounds, Normalizer, Trace, arrays_of, check_finite, tensor
+from skillcli.learning.composer import Head, Normalizer, Trace, arrays_of, check_finite, tensor
 from skillcli.learning.descent import descend, minibatches, rows
 from skillcli.learning.gae import advantages
 from skillcli.learning.ppo_method import PpoSettings

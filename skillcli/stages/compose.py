@@ -66,10 +66,43 @@ def compose(
         SkillError: training of a composer diverged.
         StoreError: the source cannot be read, or the store refuses.
     """
-    spec = method_spec(method)
     store.check_writable(name or source_id.name)
     source = store.read(source_id)
     library = open_library(store, source)
+    return store.write(draft_of(library, source, recipe, request, method, command, name, on_progress, seed, on))
+
+
+def draft_of(
+    library: Library,
+    source: Artifact,
+    recipe: Recipe,
+    request: Request,
+    method: str,
+    command: str,
+    name: str | None = None,
+    on_progress: OnProgress = silent,
+    seed: int = 0,
+    on: str = "",
+) -> Draft:
+    """Plan and execute as `compose` does, and return what it writes.
+
+    Args:
+        library: the skills of the source.
+        source: an embed-means or pretrain artifact.
+        recipe: see `compose`, as for all others.
+        request: waypoints to meet.
+        method: name of the method.
+        command: for the record.
+        name: first part of the new id.
+        on_progress: called with the progress of planning.
+        seed: of random methods, and of drawn robots.
+        on: a domain to plan on.
+
+    Raises:
+        UsageError: see `compose`.
+        SkillError: see `compose`.
+    """
+    spec = method_spec(method)
     check_untouched(library, recipe, f"{', '.join(f'{section}.*' for section in METHODS)} and compose.*")
     robots = robots_for(recipe, library.world, method, on, seed)
     others = find_domain(recipe.compose.robots)
@@ -95,39 +128,37 @@ def compose(
         metrics.ordered_approach(path, waypoints, tolerance)
         for path, waypoints in zip(recording.achieved_goal, request.routes, strict=True)
     ]
-    return store.write(
-        Draft(
-            kind=COMPOSE.name,
-            name=name or source_id.name,
-            seed=seed if spec.draws or robots.parameters else source.seed,
-            command=command,
-            recipe=recipe.model_dump(mode="json"),
-            arrays={
-                **plan.arrays(recipe.task.control_period),
-                **_composer_arrays(planned),
-                **finding.arrays,
-                **{f"robots/{parameter}": values for parameter, values in robots.parameters.items()},
-                "waypoints/target": request.waypoints,
-                "waypoints/closest": np.concatenate(closest),
-                "waypoints/route": request.route,
-                **recording.stored(),
-            },
-            results=replace(
-                _results(recipe, request, method, plan, planned, recording, np.concatenate(closest), finding),
-                waypoints_met=bool(met.all()),
-                violations=_violations(recording),
-                broken=broken,
-                on=on,
-                robots=robots.count,
-                predicted=predict(library, plan, request.routes, others),
-                notes=tuple(dict.fromkeys(note for found in planned for note in found.notes)) or None,
-                **finding.results,
-            ).json(),
-            measured=ComposeMeasured(planning_seconds=planning_seconds).json(),
-            parents=[source_id],
-            model_sha256=library.world.fingerprint,
-            inputs_sha256=compose_inputs(source, recipe, library.world, request, method, seed, on),
-        )
+    return Draft(
+        kind=COMPOSE.name,
+        name=name or source.id.name,
+        seed=seed if spec.draws or robots.parameters else source.seed,
+        command=command,
+        recipe=recipe.model_dump(mode="json"),
+        arrays={
+            **plan.arrays(recipe.task.control_period),
+            **_composer_arrays(planned),
+            **finding.arrays,
+            **{f"robots/{parameter}": values for parameter, values in robots.parameters.items()},
+            "waypoints/target": request.waypoints,
+            "waypoints/closest": np.concatenate(closest),
+            "waypoints/route": request.route,
+            **recording.stored(),
+        },
+        results=replace(
+            _results(recipe, request, method, plan, planned, recording, np.concatenate(closest), finding),
+            waypoints_met=bool(met.all()),
+            violations=_violations(recording),
+            broken=broken,
+            on=on,
+            robots=robots.count,
+            predicted=predict(library, plan, request.routes, others),
+            notes=tuple(dict.fromkeys(note for found in planned for note in found.notes)) or None,
+            **finding.results,
+        ).json(),
+        measured=ComposeMeasured(planning_seconds=planning_seconds).json(),
+        parents=[source.id],
+        model_sha256=library.world.fingerprint,
+        inputs_sha256=compose_inputs(source, recipe, library.world, request, method, seed, on),
     )
 
 

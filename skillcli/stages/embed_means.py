@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skillcli import metrics
+from skillcli.composition.latent_bounds import bounds_of
 from skillcli.evaluation.held import rollout_held
 from skillcli.evaluation.inputs import embed_means_inputs
 from skillcli.evaluation.library import open_library
@@ -46,7 +47,7 @@ def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | N
             arrays={
                 "embedding/mean": mean,
                 "embedding/std": std,
-                "embedding/bounds": np.stack([(mean - 2 * std).min(axis=0), (mean + 2 * std).max(axis=0)]),
+                "embedding/bounds": bounds_of(mean, std),
                 "embedding/latent_distance": metrics.pairwise_distance(mean),
                 "embedding/goal_distance": metrics.pairwise_distance(library.goals),
                 "skills/goal": library.goals,

@@ -9,6 +9,7 @@ from skillcli.store.gc import Garbage, collect_garbage, find_garbage
 from skillcli.store.ids import STAGES, ArtifactId
 from skillcli.store.listing import Listing
 from skillcli.store.lock import Owner, unlock
+from skillcli.store.place import filled_store_at, store_at
 from skillcli.store.receive import Imported
 from skillcli.store.remote_download import download
 from skillcli.store.remote_files import Files
@@ -35,12 +36,14 @@ __all__ = [
     "content_hash",
     "download",
     "export",
+    "filled_store_at",
     "find_garbage",
     "import_file",
     "load_checkpoint",
     "open_remote",
     "remove_checkpoint",
     "save_checkpoint",
+    "store_at",
     "unlock",
     "upload",
 ]

@@ -31,6 +31,10 @@ class Store:
 
     root: Path
 
+    def __post_init__(self) -> None:
+        """Take the folder as text too: programs give it so."""
+        object.__setattr__(self, "root", Path(self.root))
+
     def write(self, draft: Draft) -> Artifact:
         """Store a result under the next version of its name and kind.
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import torch
 
+from skillcli.composition.latent_bounds import LatentBounds
 from skillcli.errors import SkillError
-from skillcli.learning.composer import LatentBounds, check_finite
+from skillcli.learning.composer import check_finite
 from skillcli.learning.ddpg_composer import DdpgComposer
 from skillcli.learning.ddpg_method import DdpgSettings
 from skillcli.learning.ppo_composer import PpoComposer
