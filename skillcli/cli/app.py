@@ -13,7 +13,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from skillcli import __version__
-from skillcli.cli import execute, identify, inspect, report, robots, stages, store_admin, store_view, trouble, typed
+from skillcli.cli import execute, identify, inspect, report, robots, stages, store_admin, store_view, sweep, trouble, typed
 from skillcli.cli.session import Session
 from skillcli.errors import SkillError
 from skillcli.plaintext import line
@@ -57,6 +57,7 @@ def options(
 
 
 stages.register(app)
+sweep.register(app)
 execute.register(app)
 identify.register(app)
 inspect.register(app)

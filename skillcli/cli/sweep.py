@@ -1,0 +1,96 @@
+"""The command `skill sweep`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from skillcli.cli.session import Session
+from skillcli.cli.stages import checked
+from skillcli.errors import UsageError
+
+if TYPE_CHECKING:
+    from skillcli.cli.sweep_view import SweepView
+    from skillcli.sweeps.axes import Setting
+    from skillcli.sweeps.cell import Outcome
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the app."""
+    app.command(rich_help_panel="Many runs")(sweep)
+
+
+def sweep(
+    context: typer.Context,
+    recipe: Annotated[str, typer.Argument(help="Recipe by name, or a .toml file.")],
+    seeds: Annotated[str, typer.Option("--seeds", help="Seeds of every setting.", metavar="A-B or A,B,…")] = "0-9",
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            help="Values of a key, such as training.iterations=20,40; with --random also LOW..HIGH and LOW..HIGH:log.",
+            metavar="KEY=A,B,…",
+        ),
+    ] = None,
+    grid: Annotated[bool, typer.Option("--grid", help="Combine every value with every other (what happens anyway).")] = False,
+    random: Annotated[int | None, typer.Option("--random", help="Draw so many settings.", min=1, metavar="N")] = None,
+    through: Annotated[str, typer.Option("--through", help="The last stage of every cell.", metavar="STAGE")] = "pretrain",
+    name: Annotated[str | None, typer.Option("--name", help="First part of all new ids.", metavar="NAME")] = None,
+    jobs: Annotated[
+        int, typer.Option("--jobs", help="Cells at a time, 0 for as many as cores; they share the cores.", min=0, max=1024)
+    ] = 0,
+) -> None:
+    """Run a recipe with many seeds and settings; every cell is an ordinary artifact, and finished ones are used again."""
+    from skillcli.cli.sweep_view import SweepView, listed, table
+    from skillcli.recipe import load_recipe
+    from skillcli.stages.sweep import SweepPlan
+    from skillcli.stages.sweep import sweep as stage
+    from skillcli.sweeps.axes import seeds as read_seeds
+    from skillcli.sweeps.local import available_cores
+
+    session: Session = context.obj
+    folder = checked(name) or load_recipe(recipe).name
+    plan = SweepPlan(recipe, tuple(_settings(overrides or [], grid, random)), tuple(read_seeds(seeds)), folder, through)
+    at_a_time = jobs or len(available_cores())
+    view = SweepView(plan, at_a_time)
+    with _shown(session, view):
+        artifact, outcomes = stage(
+            session.store, plan, session.command, at_a_time, on_outcome=view.concluded, on_beat=view.beating
+        )
+    for failure in view.failures:
+        session.say(failure, "red")
+    failed = sum(outcome.state == "failed" for outcome in outcomes)
+    session.result(
+        {"id": str(artifact.id), "cells": listed(plan, outcomes), "failed": failed, **_costs(artifact.measured, outcomes)},
+        table(artifact),
+        f"next: skill compare {artifact.id}",
+    )
+
+
+def _costs(measured: Any, outcomes: list[Outcome]) -> dict[str, Any]:
+    return {"wall_seconds": measured["wall_seconds"], "reused": sum(outcome.reused for outcome in outcomes)}
+
+
+def _settings(overrides: list[str], as_grid: bool, random: int | None) -> list[Setting]:
+    from skillcli.sweeps.axes import axis, drawn, grid
+
+    if as_grid and random:
+        raise UsageError("--grid runs every setting, --random draws some", "leave one of them out")
+    axes = [axis(text) for text in overrides]
+    return drawn(axes, random) if random else grid(axes)
+
+
+@contextmanager
+def _shown(session: Session, view: SweepView) -> Iterator[None]:
+    """Show the live table on a terminal; elsewhere nothing: failures are said at the end."""
+    console = session.err
+    if session.quiet or session.json or not console.is_terminal or console.is_dumb_terminal:
+        yield
+        return
+    from rich.live import Live
+
+    with Live(get_renderable=view.render, console=console, refresh_per_second=4, transient=True):
+        yield

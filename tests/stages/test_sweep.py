@@ -1,0 +1,137 @@
+"""Sweeps: cells as ordinary artifacts, used again, resumed after a kill, with failures kept."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command import TINY_SET, made, skill
+
+from skillcli.errors import UsageError
+from skillcli.kinds import SWEEP
+from skillcli.kinds.sweep import sha_text, sha_words
+from skillcli.stages.sweep import SweepPlan
+from skillcli.store import ArtifactId, Store
+
+pytestmark = pytest.mark.slow  # trains, in processes of its own
+
+
+def test_cells_are_ordinary_artifacts_and_are_used_again(tmp_path: Path) -> None:
+    root = tmp_path / "store"
+    by_hand = made("--store", root, "pretrain", "smoke", *TINY_SET, "--seed", "1", "--set", "training.iterations=3")
+    asked = (
+        "sweep",
+        "smoke",
+        "--seeds",
+        "0-1",
+        *TINY_SET[2:],
+        "--set",
+        "training.iterations=2,3",
+        "--name",
+        "grid",
+        "--jobs",
+        "2",
+    )
+    first = made("--store", root, *asked)
+    assert first["failed"] == 0 and [(cell["seed"], cell["settings"]["training.iterations"]) for cell in first["cells"]] == [
+        (0, 2), (1, 2), (0, 3), (1, 3),
+    ]  # fmt: skip
+    assert [cell["reused"] for cell in first["cells"]] == [False, False, False, True]
+    assert first["cells"][3]["id"] == by_hand["id"], "what was made by hand is used too"
+    store = Store(root)
+    sweep = store.read(ArtifactId.parse(first["id"]))
+    contents = [store.header(ArtifactId.parse(cell["id"])).content_sha256 for cell in first["cells"]]
+    assert [sha_text(words) for words in sweep.arrays["cells/content"]] == contents
+    again = made("--store", root, *asked)
+    assert again["id"] == first["id"] and again["reused"] == 4
+    assert [cell["id"] for cell in again["cells"]] == [cell["id"] for cell in first["cells"]]
+    other = made("--store", tmp_path / "other", *asked)
+    assert Store(tmp_path / "other").read(ArtifactId.parse(other["id"])).content_sha256 == sweep.content_sha256
+    assert made("--store", root, "verify", "--all")["ok"]
+    assert "training.iterations=3" in skill("--store", root, "show", "grid/sweep").out
+
+
+def test_a_killed_sweep_goes_on_where_it_was(tmp_path: Path) -> None:
+    root = tmp_path / "store"
+    asked = [
+        "--store",
+        str(root),
+        "--json",
+        "sweep",
+        "smoke",
+        "--seeds",
+        "0-3",
+        *TINY_SET[2:],
+        "--set",
+        "training.iterations=3",
+    ]
+    asked += ["--name", "killed", "--jobs", "1"]
+    code = "import sys; sys.argv[0] = 'skill'; from skillcli.cli.main import main; main()"
+    process = subprocess.Popen([sys.executable, "-c", code, *asked], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    until = time.monotonic() + 120
+    while not list(root.glob("killed*/pretrain-v1.h5")) and time.monotonic() < until:
+        time.sleep(0.05)
+    process.kill()
+    process.wait()
+    before = {path: path.stat().st_mtime_ns for path in root.glob("killed*/pretrain-v1.h5")}
+    found = made(*asked[:2], *asked[3:])
+    assert found["failed"] == 0 and found["reused"] >= 1 and len(before) >= 1
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+    assert len(list(root.glob("killed*/pretrain-v*.h5"))) == 4, "none is there twice"
+
+
+def test_failures_are_kept_with_their_line(tmp_path: Path) -> None:
+    root = tmp_path / "store"
+    asked = (
+        "sweep",
+        "smoke",
+        "--seeds",
+        "0",
+        *TINY_SET,
+        "--set",
+        "task.goals=[[0.6,0.1,0.25]],[[9.0,0.0,0.2]]",
+        "--name",
+        "odd",
+    )
+    found = made("--store", root, *asked)
+    assert [cell["state"] for cell in found["cells"]] == ["done", "failed"] and found["failed"] == 1
+    assert "reach" in found["cells"][1]["message"]
+    stored = SWEEP.results_of(Store(root).read(ArtifactId.parse(found["id"])))
+    assert stored.failed == 1 and stored.failures[0].message == found["cells"][1]["message"]
+    told = skill("--store", root, *asked)
+    assert told.code == 0 and "failed: task.goals" in told.out + told.err
+
+
+def test_what_would_fail_in_every_cell_is_refused_before(tmp_path: Path) -> None:
+    for words, told in (
+        (("--set", "training.iteration=2"), "training.iteration"),
+        (("--set", "training.iterations=2,-1"), "training.iterations"),
+        (("--through", "report"), "--through"),
+        (("--seeds", "3-1"), "--seeds"),
+        (("--grid", "--random", "2", "--set", "training.iterations=2,3"), "--grid"),
+        (("--name", "x" * 63), "too long"),
+        (("--name", "a/b"), "--name"),
+    ):
+        found = skill("--store", tmp_path / "store", "sweep", "smoke", *words)
+        assert found.code == 2 and told in found.err, found.err
+    assert not (tmp_path / "store").exists()
+
+
+def test_a_plan_lists_its_cells_by_setting_and_seed() -> None:
+    plan = SweepPlan("smoke", ((("training.iterations", "2"),), (("training.iterations", "4"),)), (3, 5), "grid")
+    cells = list(plan.cells())
+    assert [(cell.index, cell.setting, cell.seed) for cell in cells] == [(0, 0, 3), (1, 0, 5), (2, 1, 3), (3, 1, 5)]
+    assert [plan.place(cell.index) for cell in cells] == [(cell.setting, cell.seed) for cell in cells]
+    assert cells[2].recipe["training"]["iterations"] == 4 and cells[2].name == "grid.iterations-4.s3"
+    assert cells[2].command == "skill pretrain smoke --seed 3 --set training.iterations=4 --name grid.iterations-4.s3"
+    with pytest.raises(UsageError, match="at most"):
+        SweepPlan("smoke", ((),), tuple(range(30_000)), "grid")
+
+
+def test_hashes_are_kept_as_numbers() -> None:
+    sha = "00ff" + "0123456789abcdef" * 3 + "fedcba987654"
+    assert len(sha) == 64 and sha_text(np.array(sha_words(sha))) == sha and sha_words("") == [0] * 8
