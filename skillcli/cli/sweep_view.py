@@ -93,7 +93,7 @@ class SweepView:
 
     def _label(self, index: int) -> str:
         setting, seed = self._plan.place(index)
-        return _label(setting_label(self._plan.settings[setting]), seed)
+        return _label(setting_label(self._plan.varied(setting)), seed)
 
 
 def listed(plan: SweepPlan, outcomes: list[Outcome]) -> list[dict[str, Any]]:

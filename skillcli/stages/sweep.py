@@ -6,7 +6,7 @@ import shlex
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -58,11 +58,20 @@ class SweepPlan:
             raise UsageError(f"--through {self.through!r}: expected one of {', '.join(THROUGH)}", "pretrain is the shortest")
         if len(self) > MAX_CELLS:
             raise UsageError(f"{len(self):,} cells, at most {MAX_CELLS:,}", "give fewer seeds or settings")
-        longest = max(len(cell_name("", setting, max(self.seeds))) for setting in self.settings)
+        longest = max(len(cell_name("", self.varied(index), max(self.seeds))) for index in range(len(self.settings)))
         if len(self.name) + 1 + longest > NAME_LENGTH:
             raise UsageError(f"--name {self.name!r} is too long for the names of the cells", "give --name a shorter one")
         for setting in self.settings:
             self.resolved(setting)
+
+    def varied(self, index: int) -> Setting:
+        """Return what distinguishes a setting from the others: the keys that have several values."""
+        return tuple((key, value) for key, value in self.settings[index] if key in self._varied_keys)
+
+    @cached_property
+    def _varied_keys(self) -> set[str]:
+        first, *others = self.settings
+        return {key for other in others for (key, value), (_, base) in zip(other, first, strict=True) if value != base}
 
     def __len__(self) -> int:
         """Return the number of cells."""
@@ -82,7 +91,7 @@ class SweepPlan:
     def cell(self, setting: int, turn: int, recipe: dict[str, object]) -> Cell:
         """Make the cell of a setting and of a seed, both by their place."""
         seed, values = self.seeds[turn], self.settings[setting]
-        name = cell_name(self.name, values, seed)
+        name = cell_name(self.name, self.varied(setting), seed)
         sets = [word for key, value in values for word in ("--set", f"{key}={value}")]
         what = PRETRAIN.name if self.through == PRETRAIN.name else "run"
         by_hand = shlex.join(["skill", what, self.recipe, "--seed", str(seed), *sets, "--name", name])
@@ -238,7 +247,10 @@ def draft_of(plan: SweepPlan, tally: Tally, command: str, seconds: float, jobs: 
     places = np.array([plan.place(outcome.index) for outcome in outcomes], dtype=np.int64)
     results = SweepResults(
         through=plan.through,
-        settings=tuple(SweepSetting(label=setting_label(setting), values=dict(setting)) for setting in plan.settings),
+        settings=tuple(
+            SweepSetting(label=setting_label(plan.varied(index)), values=dict(setting))
+            for index, setting in enumerate(plan.settings)
+        ),
         cells=len(outcomes),
         failed=len(failed),
         pruned=tally.count(PRUNED),

@@ -57,7 +57,7 @@ Pulse = Callable[[Beat], bool]
 
 
 def cell_name(sweep: str, setting: Setting, seed: int) -> str:
-    """Return the name of a cell's artifacts: it depends on what the cell is, not on what else the sweep runs."""
+    """Return the name of a cell's artifacts; `setting` holds what distinguishes it."""
     return ".".join(part for part in (sweep, setting_tag(setting), f"s{seed}") if part)
 
 

@@ -122,12 +122,15 @@ def test_what_would_fail_in_every_cell_is_refused_before(tmp_path: Path) -> None
 
 
 def test_a_plan_lists_its_cells_by_setting_and_seed() -> None:
-    plan = SweepPlan("smoke", ((("training.iterations", "2"),), (("training.iterations", "4"),)), (3, 5), "grid")
+    same = ("evaluation.latents", "3")
+    plan = SweepPlan("smoke", ((same, ("training.iterations", "2")), (same, ("training.iterations", "4"))), (3, 5), "grid")
     cells = list(plan.cells())
     assert [(cell.index, cell.setting, cell.seed) for cell in cells] == [(0, 0, 3), (1, 0, 5), (2, 1, 3), (3, 1, 5)]
     assert [plan.place(cell.index) for cell in cells] == [(cell.setting, cell.seed) for cell in cells]
     assert cells[2].recipe["training"]["iterations"] == 4 and cells[2].name == "grid.iterations-4.s3"
-    assert cells[2].command == "skill pretrain smoke --seed 3 --set training.iterations=4 --name grid.iterations-4.s3"
+    assert cells[2].command == (
+        "skill pretrain smoke --seed 3 --set evaluation.latents=3 --set training.iterations=4 --name grid.iterations-4.s3"
+    )
     with pytest.raises(UsageError, match="at most"):
         SweepPlan("smoke", ((),), tuple(range(30_000)), "grid")
 

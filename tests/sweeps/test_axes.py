@@ -73,7 +73,7 @@ def test_drawn_settings_differ_and_are_the_same_every_time() -> None:
             drawn(wrong, count)
 
 
-def test_names_of_cells_say_what_they_are_and_depend_on_nothing_else() -> None:
+def test_names_of_cells_say_what_they_are() -> None:
     assert cell_name("grid", (), 3) == "grid.s3"
     assert cell_name("grid", (("training.iterations", "20"), ("training.rate", "3e-4")), 0) == "grid.iterations-20_rate-3e-4.s0"
     odd = cell_name("grid", (("task.box_size", "[1,2,3]"),), 1)
