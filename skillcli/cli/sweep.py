@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from skillcli.cli.session import Session
 from skillcli.cli.stages import checked
@@ -16,11 +18,24 @@ if TYPE_CHECKING:
     from skillcli.cli.sweep_view import SweepView
     from skillcli.sweeps.axes import Setting
     from skillcli.sweeps.cell import Outcome
+    from skillcli.sweeps.run import Backend
 
 
 def register(app: typer.Typer) -> None:
     """Add the command to the app."""
-    app.command(rich_help_panel="Many runs")(sweep)
+    app.command(rich_help_panel="Many runs", cls=WithRay)(sweep)
+
+
+class WithRay(TyperCommand):
+    """Takes `--ray` with and without an address."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> Any:
+        """See typer; what follows `--ray` is an address only if it looks like one."""
+        words = list[str]()
+        for word, following in zip(args, [*args[1:], ""], strict=True):
+            address = re.fullmatch(r"auto|local|(ray://)?[\w.-]+:\d+", following, re.ASCII)
+            words.append("--ray=local" if word == "--ray" and not address else word)
+        return super().parse_args(ctx, words)
 
 
 def sweep(
@@ -42,6 +57,9 @@ def sweep(
     jobs: Annotated[
         int, typer.Option("--jobs", help="Cells at a time, 0 for as many as cores; they share the cores.", min=0, max=1024)
     ] = 0,
+    ray: Annotated[
+        str, typer.Option("--ray", help="Run on Ray: here, or on the cluster at this address.", metavar="[ADDRESS]")
+    ] = "",
 ) -> None:
     """Run a recipe with many seeds and settings; every cell is an ordinary artifact, and finished ones are used again."""
     from skillcli.cli.sweep_view import SweepView, listed, table
@@ -58,7 +76,14 @@ def sweep(
     view = SweepView(plan, at_a_time)
     with _shown(session, view):
         artifact, outcomes = stage(
-            session.store, plan, session.command, at_a_time, on_outcome=view.concluded, on_beat=view.beating
+            session.store,
+            plan,
+            session.command,
+            at_a_time,
+            _backend(ray),
+            on_outcome=view.concluded,
+            on_beat=view.beating,
+            where="ray" if ray else "local",
         )
     for failure in view.failures:
         session.say(failure, "red")
@@ -81,6 +106,20 @@ def _settings(overrides: list[str], as_grid: bool, random: int | None) -> list[S
         raise UsageError("--grid runs every setting, --random draws some", "leave one of them out")
     axes = [axis(text) for text in overrides]
     return drawn(axes, random) if random else grid(axes)
+
+
+def _backend(ray: str) -> Backend:
+    """Return what runs the cells."""
+    from skillcli.sweeps.run import run_locally
+
+    if not ray:
+        return run_locally
+    from functools import partial
+
+    from skillcli.evaluation.consistency import check_meaning
+    from skillcli.sweeps.on_ray import run_on_ray
+
+    return partial(run_on_ray, ray, check_meaning)
 
 
 @contextmanager

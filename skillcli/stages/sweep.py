@@ -6,7 +6,7 @@ import shlex
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import cache, cached_property, partial
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +21,8 @@ from skillcli.stopping import stoppable
 from skillcli.store import Artifact, Draft, Store, content_hash
 from skillcli.store.ids import NAME_LENGTH
 from skillcli.sweeps.axes import MAX_CELLS, Setting
-from skillcli.sweeps.cell import DONE, FAILED, PRUNED, STOPPED, Beat, Cell, Outcome, Pulse, cell_name, setting_label
-from skillcli.sweeps.local import LocalPool
-from skillcli.sweeps.worker import Work
+from skillcli.sweeps.cell import DONE, FAILED, PRUNED, STOPPED, Beat, Cell, Outcome, cell_name, setting_label
+from skillcli.sweeps.run import Backend, Run, run_locally
 
 THROUGH = (PRETRAIN.name, EMBED_MEANS.name, COMPOSE.name, TRANSFER_EVAL.name)
 """Stages that a cell may end with."""
@@ -120,42 +119,12 @@ class Tally:
         return sum(outcome.state == state for outcome in self.outcomes.values())
 
 
-Backend = Callable[["Run", Iterator[Cell]], None]
-"""Runs cells, and tells of their outcomes and signs of life."""
-
-
-@dataclass(frozen=True)
-class Run:
-    """What a backend needs.
-
-    Attributes:
-        work: runs one cell; importable by its name.
-        root: the store's folder.
-        jobs: how many cells at a time, 0 for as many as there are cores.
-        on_outcome: called with the outcome of every cell.
-        on_beat: called while cells run; returns whether the cell shall go on.
-        stopping: returns whether to stop.
-    """
-
-    work: Work
-    root: Path
-    jobs: int
-    on_outcome: Callable[[Outcome], None]
-    on_beat: Pulse
-    stopping: Callable[[], bool]
-
-
-def locally(run: Run, cells: Iterator[Cell]) -> None:
-    """Run cells in processes of this machine."""
-    LocalPool(run.work, run.jobs, run.on_outcome, run.on_beat, run.stopping).run(cells)
-
-
 def sweep(
     store: Store,
     plan: SweepPlan,
     command: str,
     jobs: int,
-    backend: Backend = locally,
+    backend: Backend = run_locally,
     where: str = "local",
     on_outcome: Callable[[Outcome], None] = lambda _: None,
     on_beat: Callable[[Beat], None] = lambda _: None,
@@ -191,8 +160,7 @@ def sweep(
         return True
 
     with stoppable() as stop:
-        work = partial(run_cell, str(store.root.absolute()))
-        run = Run(work, store.root, jobs, concluded, beating, lambda: stop.requested)
+        run = Run(run_cell, store.root, jobs, concluded, beating, lambda: stop.requested)
         backend(run, plan.cells())
         if len(tally.outcomes) < len(plan):
             raise Interrupted(

@@ -100,7 +100,7 @@ def _improvement(axes: Axes, result: MetricResult) -> None:
     axes.set_xlim(0, 1)
     axes.axvline(0.5, color="#7F7F7F", lw=0.7, ls=":")
     more = f" (first {MOST_PAIRS} of {len(result.pairs)})" if len(result.pairs) > MOST_PAIRS else ""
-    axes.set_xlabel(f"probability that the first is better{more}")
+    axes.set_xlabel(f"P(first is better){more}")
 
 
 def _short(text: str, most: int = 26) -> str:
