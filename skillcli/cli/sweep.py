@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,15 +11,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from skillcli.cli import typed
 from skillcli.cli.session import Session
 from skillcli.cli.stages import checked
 from skillcli.errors import UsageError
 
 if TYPE_CHECKING:
     from skillcli.cli.sweep_view import SweepView
-    from skillcli.sweeps.axes import Setting
-    from skillcli.sweeps.cell import Outcome
+    from skillcli.sweeps.axes import Axis, Setting
+    from skillcli.sweeps.plan import SweepPlan
     from skillcli.sweeps.run import Backend
+    from skillcli.sweeps.search import Search
 
 
 def register(app: typer.Typer) -> None:
@@ -33,7 +36,7 @@ class WithRay(TyperCommand):
         """See typer; what follows `--ray` is an address only if it looks like one."""
         words = list[str]()
         for word, following in zip(args, [*args[1:], ""], strict=True):
-            address = re.fullmatch(r"auto|local|(ray://)?[\w.-]+:\d+", following, re.ASCII)
+            address = re.fullmatch(r"auto|local|[\w.-]+:\d+", following, re.ASCII)
             words.append("--ray=local" if word == "--ray" and not address else word)
         return super().parse_args(ctx, words)
 
@@ -60,20 +63,31 @@ def sweep(
     ray: Annotated[
         str, typer.Option("--ray", help="Run on Ray: here, or on the cluster at this address.", metavar="[ADDRESS]")
     ] = "",
+    optuna: Annotated[
+        int | None, typer.Option("--optuna", help="Search: try so many settings, proposed by Optuna.", min=1, metavar="N")
+    ] = None,
+    metric: Annotated[str, typer.Option("--metric", help="What --optuna optimises.", metavar="NAME")] = "success_rate",
 ) -> None:
     """Run a recipe with many seeds and settings; every cell is an ordinary artifact, and finished ones are used again."""
     from skillcli.cli.sweep_view import SweepView, listed, table
     from skillcli.recipe import load_recipe
-    from skillcli.stages.sweep import SweepPlan
     from skillcli.stages.sweep import sweep as stage
+    from skillcli.sweeps.axes import axis
     from skillcli.sweeps.axes import seeds as read_seeds
     from skillcli.sweeps.local import available_cores
+    from skillcli.sweeps.plan import SweepPlan
 
-    session: Session = context.obj
-    folder = checked(name) or load_recipe(recipe).name
-    plan = SweepPlan(recipe, tuple(_settings(overrides or [], grid, random)), tuple(read_seeds(seeds)), folder, through)
+    began, session = time.monotonic(), context.obj
+    if optuna and (grid or random or ray):
+        raise UsageError("--optuna chooses the settings itself, and runs here", "leave out --grid, --random and --ray")
+    folder, axes = checked(name) or load_recipe(recipe).name, [axis(text) for text in overrides or ()]
+    told = frozenset(each.key for each in axes if each.varies) if optuna else None
+    settings = [()] if optuna else _settings(axes, grid, random)
+    plan = SweepPlan(recipe, tuple(settings), tuple(read_seeds(seeds)), folder, through, told)
+    search = _search(session, plan, axes, optuna, metric) if optuna else None
     at_a_time = jobs or len(available_cores())
-    view = SweepView(plan, at_a_time)
+    counted = plan if search is None else search
+    view = SweepView(len(counted), counted.label, at_a_time)
     with _shown(session, view):
         artifact, outcomes = stage(
             session.store,
@@ -81,30 +95,51 @@ def sweep(
             session.command,
             at_a_time,
             _backend(ray),
+            "ray" if ray else "local",
+            search,
             on_outcome=view.concluded,
             on_beat=view.beating,
-            where="ray" if ray else "local",
         )
     for failure in view.failures:
         session.say(failure, "red")
-    failed = sum(outcome.state == "failed" for outcome in outcomes)
-    session.result(
-        {"id": str(artifact.id), "cells": listed(plan, outcomes), "failed": failed, **_costs(artifact.measured, outcomes)},
-        table(artifact),
-        f"next: skill compare {artifact.id}",
-    )
+    best, text = _best(search) if search else (None, "")
+    payload = {
+        "id": str(artifact.id),
+        "cells": listed(search.plan if search else plan, outcomes),
+        "failed": sum(outcome.state == "failed" for outcome in outcomes),
+        "reused": sum(outcome.reused for outcome in outcomes),
+        "wall_seconds": time.monotonic() - began,
+        **({"best": best} if search else {}),
+    }
+    proposed = typed.runnable(f"next: skill compare {artifact.id}")
+    session.result(payload, table(artifact), *([text] if text else []), proposed)
 
 
-def _costs(measured: Any, outcomes: list[Outcome]) -> dict[str, Any]:
-    return {"wall_seconds": measured["wall_seconds"], "reused": sum(outcome.reused for outcome in outcomes)}
+def _search(session: Session, base: SweepPlan, axes: list[Axis], trials: int, metric: str) -> Search:
+    from skillcli.evaluation.run_metrics import higher_is_better
+    from skillcli.sweeps.search import Search
+
+    return Search(base, axes, trials, metric, higher_is_better(metric), session.root)
 
 
-def _settings(overrides: list[str], as_grid: bool, random: int | None) -> list[Setting]:
-    from skillcli.sweeps.axes import axis, drawn, grid
+def _best(search: Search) -> tuple[dict[str, Any] | None, str]:
+    """Return the best trial for --json, and its recipe as TOML."""
+    from skillcli.sweeps.cell import setting_label
+    from skillcli.viz.report.write import as_toml
+
+    if (found := search.best()) is None:
+        return None, "no trial was finished: there is no best recipe"
+    setting, value = found
+    toml = as_toml(search.base.resolved(setting).model_dump(mode="json"))
+    told = f"# {search.metric} {value:.4g}, mean of {len(search.base.seeds)} seeds: {setting_label(setting)}"
+    return {"settings": dict(setting), "value": value, "toml": toml}, f"{told}\n{toml}"
+
+
+def _settings(axes: list[Axis], as_grid: bool, random: int | None) -> list[Setting]:
+    from skillcli.sweeps.axes import drawn, grid
 
     if as_grid and random:
         raise UsageError("--grid runs every setting, --random draws some", "leave one of them out")
-    axes = [axis(text) for text in overrides]
     return drawn(axes, random) if random else grid(axes)
 
 

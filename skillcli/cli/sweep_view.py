@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Group, RenderableType
@@ -14,10 +15,10 @@ from skillcli.kinds.sweep import DONE, PRUNED
 from skillcli.store import Artifact
 from skillcli.sweeps import cell as states
 from skillcli.sweeps.axes import Setting
-from skillcli.sweeps.cell import Beat, Outcome, setting_label
+from skillcli.sweeps.cell import Beat, Outcome
 
 if TYPE_CHECKING:
-    from skillcli.stages.sweep import SweepPlan
+    from skillcli.sweeps.plan import SweepPlan
 
 ROWS = 12  # of cells that run, or ended last
 TOLD_FAILURES = 20
@@ -27,8 +28,8 @@ _STYLES = {states.DONE: "green", states.FAILED: "red", states.RUNNING: "cyan", s
 class SweepView:
     """The live table: cells that run, those that ended last, and how long the rest will take."""
 
-    def __init__(self, plan: SweepPlan, jobs: int) -> None:
-        self._plan, self._jobs = plan, jobs
+    def __init__(self, total: int, label: Callable[[int], str], jobs: int) -> None:
+        self._total, self._label, self._jobs = total, label, jobs
         self._began = time.monotonic()
         self._running: dict[int, tuple[Beat, float]] = {}  # with the time of its first sign of life
         self._ended: list[Outcome] = []  # the last few
@@ -75,14 +76,14 @@ class SweepView:
 
     def _summary(self) -> Text:
         ended = sum(self._count.values())
-        parts = [f"{ended}/{len(self._plan)} cells"]
+        parts = [f"{ended}/{self._total} cells"]
         parts += [f"{count} {state}" for state, count in self._count.items() if count and state != states.DONE]
         parts += [f"{self._reused} reused"] if self._reused else []
         return Text(" · ".join([*parts, f"{self._left()} left"]), "bold", no_wrap=True)
 
     def _left(self) -> str:
         """Estimate the time of the whole from the cells that ran here."""
-        waiting = len(self._plan) - sum(self._count.values())
+        waiting = self._total - sum(self._count.values())
         if not self._timed:
             return "?"
         return _clock(self._spent / self._timed * waiting / min(self._jobs, max(1, waiting)))
@@ -90,10 +91,6 @@ class SweepView:
     def _left_of(self, beat: Beat, since: float) -> str:
         spent = time.monotonic() - since
         return _clock(spent * (1 - beat.share) / beat.share) if beat.share > 0 and spent > 1 else "?"
-
-    def _label(self, index: int) -> str:
-        setting, seed = self._plan.place(index)
-        return _label(setting_label(self._plan.varied(setting)), seed)
 
 
 def listed(plan: SweepPlan, outcomes: list[Outcome]) -> list[dict[str, Any]]:

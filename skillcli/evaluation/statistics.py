@@ -142,7 +142,7 @@ def unpaired_test(first: Strata, second: Strata, seed: int = 0) -> Tested:
         drawn = _every_split(first[0], second[0])
     else:
         rng = generator(seed, "permutations")
-        drawn = sum(_random_splits(a, b, EXACT // 2 - 1, rng) for a, b in zip(first, second, strict=True)) / len(first)
+        drawn = np.mean([_random_splits(a, b, EXACT // 2 - 1, rng) for a, b in zip(first, second, strict=True)], axis=0)
     smallest = max(1.0 / len(drawn), (2.0 if all(len(a) == len(b) for a, b in zip(first, second, strict=True)) else 1.0) / ways)
     return Tested(_share(np.abs(drawn), 0), smallest, 0)
 

@@ -2,121 +2,27 @@
 
 from __future__ import annotations
 
-import shlex
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from functools import cache, cached_property
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-from skillcli.errors import Interrupted, UsageError
-from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, SWEEP, TRANSFER_EVAL
+from skillcli.errors import Interrupted
+from skillcli.kinds import SWEEP
 from skillcli.kinds import sweep as kind
 from skillcli.kinds.sweep import MAX_FAILURES, SweepFailure, SweepMeasured, SweepResults, SweepSetting, sha_words
 from skillcli.progress import OnProgress
-from skillcli.recipe import Recipe, load_recipe, resolve
+from skillcli.recipe import load_recipe, resolve
 from skillcli.stopping import stoppable
 from skillcli.store import Artifact, Draft, Store, content_hash
-from skillcli.store.ids import NAME_LENGTH
-from skillcli.sweeps.axes import MAX_CELLS, Setting
-from skillcli.sweeps.cell import DONE, FAILED, PRUNED, STOPPED, Beat, Cell, Outcome, cell_name, setting_label
+from skillcli.sweeps.cell import DONE, FAILED, PRUNED, Beat, Cell, Outcome, setting_label
+from skillcli.sweeps.plan import SweepPlan, Tally
 from skillcli.sweeps.run import Backend, Run, run_locally
-
-THROUGH = (PRETRAIN.name, EMBED_MEANS.name, COMPOSE.name, TRANSFER_EVAL.name)
-"""Stages that a cell may end with."""
+from skillcli.sweeps.search import Search
 
 _STATES = {FAILED: kind.FAILED, DONE: kind.DONE, PRUNED: kind.PRUNED}
-
-
-@dataclass(frozen=True)
-class SweepPlan:
-    """Which cells there are, by setting and within it by seed.
-
-    Args:
-        recipe: by name or path, as typed.
-        settings: combinations of values.
-        seeds: of each.
-        name: first part of all ids.
-        through: the last stage of every cell.
-
-    Raises:
-        UsageError: a recipe is invalid, there are too many cells, or the name is too long for those of its cells.
-    """
-
-    recipe: str
-    settings: tuple[Setting, ...]
-    seeds: tuple[int, ...]
-    name: str
-    through: str = PRETRAIN.name
-
-    def __post_init__(self) -> None:
-        """Refuse what would fail in every cell."""
-        if self.through not in THROUGH:
-            raise UsageError(f"--through {self.through!r}: expected one of {', '.join(THROUGH)}", "pretrain is the shortest")
-        if len(self) > MAX_CELLS:
-            raise UsageError(f"{len(self):,} cells, at most {MAX_CELLS:,}", "give fewer seeds or settings")
-        longest = max(len(cell_name("", self.varied(index), max(self.seeds))) for index in range(len(self.settings)))
-        if len(self.name) + 1 + longest > NAME_LENGTH:
-            raise UsageError(f"--name {self.name!r} is too long for the names of the cells", "give --name a shorter one")
-        for setting in self.settings:
-            self.resolved(setting)
-
-    def varied(self, index: int) -> Setting:
-        """Return what distinguishes a setting from the others: the keys that have several values."""
-        return tuple((key, value) for key, value in self.settings[index] if key in self._varied_keys)
-
-    @cached_property
-    def _varied_keys(self) -> set[str]:
-        first, *others = self.settings
-        return {key for other in others for (key, value), (_, base) in zip(other, first, strict=True) if value != base}
-
-    def __len__(self) -> int:
-        """Return the number of cells."""
-        return len(self.settings) * len(self.seeds)
-
-    def resolved(self, setting: Setting) -> Recipe:
-        """Return the recipe of a setting."""
-        return load_recipe(self.recipe, [f"{key}={value}" for key, value in setting])
-
-    def cells(self) -> Iterator[Cell]:
-        """Make the cells, one after the other."""
-        for index, setting in enumerate(self.settings):
-            recipe = self.resolved(setting).model_dump(mode="json")
-            for turn in range(len(self.seeds)):
-                yield self.cell(index, turn, recipe)
-
-    def cell(self, setting: int, turn: int, recipe: dict[str, object]) -> Cell:
-        """Make the cell of a setting and of a seed, both by their place."""
-        seed, values = self.seeds[turn], self.settings[setting]
-        name = cell_name(self.name, self.varied(setting), seed)
-        sets = [word for key, value in values for word in ("--set", f"{key}={value}")]
-        what = PRETRAIN.name if self.through == PRETRAIN.name else "run"
-        by_hand = shlex.join(["skill", what, self.recipe, "--seed", str(seed), *sets, "--name", name])
-        return Cell(setting * len(self.seeds) + turn, setting, seed, name, self.through, recipe, by_hand)
-
-    def place(self, index: int) -> tuple[int, int]:
-        """Return setting and seed of a cell."""
-        setting, turn = divmod(index, len(self.seeds))
-        return setting, self.seeds[turn]
-
-
-@dataclass
-class Tally:
-    """What became of the cells so far; a few numbers for each."""
-
-    plan: SweepPlan
-    outcomes: dict[int, Outcome] = field(default_factory=dict)
-
-    def add(self, outcome: Outcome) -> None:
-        """Take an outcome."""
-        if outcome.state != STOPPED:
-            self.outcomes[outcome.index] = outcome
-
-    def count(self, state: str) -> int:
-        """Return how many cells are in a state."""
-        return sum(outcome.state == state for outcome in self.outcomes.values())
 
 
 def sweep(
@@ -126,6 +32,7 @@ def sweep(
     jobs: int,
     backend: Backend = run_locally,
     where: str = "local",
+    search: Search | None = None,
     on_outcome: Callable[[Outcome], None] = lambda _: None,
     on_beat: Callable[[Beat], None] = lambda _: None,
 ) -> tuple[Artifact, list[Outcome]]:
@@ -138,6 +45,7 @@ def sweep(
         jobs: how many cells at a time.
         backend: runs them.
         where: name of the backend, for the record.
+        search: proposes the settings, instead of those of the plan.
         on_outcome: called with the outcome of every cell.
         on_beat: called while cells run.
 
@@ -149,22 +57,29 @@ def sweep(
         StoreError: the store refuses.
     """
     store.check_writable(plan.name)
-    began, tally = time.perf_counter(), Tally(plan)
+    began, tally = time.perf_counter(), Tally()
 
     def concluded(outcome: Outcome) -> None:
         tally.add(outcome)
+        if search is not None:
+            search.concluded(outcome)
         on_outcome(outcome)
 
     def beating(beat: Beat) -> bool:
         on_beat(beat)
-        return True
+        return search is None or search.beating(beat)
 
     with stoppable() as stop:
         run = Run(run_cell, store.root, jobs, concluded, beating, lambda: stop.requested)
-        backend(run, plan.cells())
-        if len(tally.outcomes) < len(plan):
+        backend(run, plan.cells() if search is None else search.cells())
+        if search is not None and not stop.requested:
+            plan = search.plan
+            for outcome in search.skipped:
+                tally.add(outcome)
+        if (search is not None and stop.requested) or len(tally.outcomes) < len(plan):
+            total = len(plan if search is None else search)
             raise Interrupted(
-                f"stopped: {len(tally.outcomes)} of {len(plan)} cells are finished, running ones were saved",
+                f"stopped: {len(tally.outcomes)} of {total} cells are finished, running ones were saved",
                 "the same command goes on from here",
             )
     draft = draft_of(plan, tally, command, time.perf_counter() - began, jobs, where)

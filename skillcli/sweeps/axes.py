@@ -26,6 +26,11 @@ class Choice:
     key: str
     values: tuple[str, ...]
 
+    @property
+    def varies(self) -> bool:
+        """Return whether there is more than one value."""
+        return len(self.values) > 1
+
     def draw(self, rng: random.Random) -> str:
         """Draw one of the values."""
         return rng.choice(self.values)
@@ -40,6 +45,7 @@ class Span:
     high: float
     whole: bool
     log: bool
+    varies = True
 
     def draw(self, rng: random.Random) -> str:
         """Draw a value, uniformly or uniformly in its logarithm."""

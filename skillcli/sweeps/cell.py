@@ -77,6 +77,11 @@ def setting_label(setting: Setting) -> str:
     return ", ".join(f"{key}={value}" for key, value in setting)
 
 
+def cell_label(setting: Setting, seed: int) -> str:
+    """Return a cell as people read it."""
+    return ", ".join(part for part in (setting_label(setting), f"seed {seed}") if part)
+
+
 _CELL = re.compile(r"(?P<sweep>.+?)(\.(?P<tag>[A-Za-z0-9_-]+([.][A-Za-z0-9_-]+)*))?\.s[0-9]{1,19}", re.ASCII)
 
 

@@ -10,9 +10,11 @@ from __future__ import annotations
 import logging
 import os
 import secrets
+import socket
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -31,6 +33,7 @@ LOCAL = "local"
 RETRIES = 5  # of a cell whose worker or node is lost
 WAIT_SECONDS = 0.2
 STOP_SECONDS = 60.0  # for running cells to save
+ANSWER_SECONDS = 10.0
 THREADS = 1  # of a cell, and cores that it asks for
 OBJECT_STORE_BYTES = 200 * 1024 * 1024  # of a Ray that is started here: exports are small
 MARK = ".shared-"
@@ -52,6 +55,11 @@ def run_on_ray(address: str, check: Callable[[Any], None], run: Run, cells: Iter
         SkillError: Ray is not installed, or does not answer.
     """
     mark = "" if address == LOCAL else f"{MARK}{secrets.token_hex(8)}"
+    with redirect_stdout(sys.stderr):  # Ray tells of lost nodes on stdout, which is for results
+        _run(address, mark, check, run, cells)
+
+
+def _run(address: str, mark: str, check: Callable[[Any], None], run: Run, cells: Iterator[Cell]) -> None:
     ray = _connect(address, run.jobs)
     try:
         make_folder(run.root)
@@ -72,6 +80,7 @@ def _connect(address: str, jobs: int) -> Any:
         import ray
     except ImportError as error:
         raise SkillError("--ray: the package is not installed", "pip install 'skillcli[ray]'") from error
+    _check_answers(address)
     here = {"num_cpus": jobs, "include_dashboard": False, "object_store_memory": OBJECT_STORE_BYTES}
     options = here if address == LOCAL else {}
     try:
@@ -81,6 +90,22 @@ def _connect(address: str, jobs: int) -> Any:
             f"--ray {address}: {line(str(error))}", "start a node with `ray start --head`, or leave the address out"
         ) from error
     return ray
+
+
+def _check_answers(address: str) -> None:
+    """Refuse an address at which nothing answers: Ray itself would try for minutes.
+
+    Raises:
+        SkillError: nothing does.
+    """
+    host, _, port = address.rpartition(":")
+    if host:
+        try:
+            socket.create_connection((host, int(port)), timeout=ANSWER_SECONDS).close()
+        except (OSError, OverflowError) as error:
+            raise SkillError(
+                f"--ray {address}: nothing answers there: {error}", "start a node with `ray start --head`"
+            ) from error
 
 
 class _Tasks:
