@@ -18,8 +18,8 @@ FLOORS: list[set[str]] = [
     {"simulation", "composition", "store"},
     {"learning", "tasks"},
     {"recipe"},
-    {"evaluation"},
-    {"viz", "execution", "sweeps"},
+    {"evaluation", "sweeps"},
+    {"viz", "execution"},
     {"stages"},
     {"cli"},
 ]

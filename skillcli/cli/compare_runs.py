@@ -13,7 +13,7 @@ from skillcli.cli.session import Session
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from skillcli.evaluation.run_comparison import Efficiency, MetricResult, PairResult
+    from skillcli.evaluation.run_comparison import Efficiency, MetricResult
 
 
 def register(app: typer.Typer) -> None:
@@ -40,6 +40,7 @@ def compare(
     from rich.text import Text
 
     from skillcli.evaluation import run_comparison
+    from skillcli.evaluation.run_comparison import sentence
     from skillcli.evaluation.run_groups import curves_of, groups_of
 
     session: Session = context.obj
@@ -56,7 +57,7 @@ def compare(
         "sample_efficiency": [_curve(curve) for curve in curves],
         "png": str(png) if png else None,
     }
-    shown = [part for result in results for part in (table(result), Text("\n".join(told(result))))]
+    shown = [part for result in results for part in (table(result), Text("\n".join(map(sentence, result.pairs))))]
     session.result(payload, *shown, *([f"figure: {png}"] if png else []))
 
 
@@ -72,23 +73,6 @@ def table(result: MetricResult) -> Table:
         interval = f"{group.iqm.low:.4g} – {group.iqm.high:.4g}" if group.iqm.low == group.iqm.low else "one run"
         rows.add_row(group.label, str(group.n), f"{group.iqm.value:.4g}", interval, f"{group.mean:.4g}")
     return rows
-
-
-def told(result: MetricResult) -> list[str]:
-    """Say which groups are better than which others, and where that cannot be told."""
-    return [_sentence(pair) for pair in result.pairs]
-
-
-def _sentence(pair: PairResult) -> str:
-    low, high = pair.ci95
-    runs = f"{pair.paired} pairs of one seed" if pair.paired else f"n = {pair.n[0]} and {pair.n[1]}"
-    more = f": {pair.needed} of each could tell" if "few" in pair.verdict else f", p = {pair.p:.2g}"
-    verdict = f"{pair.verdict} than" if pair.verdict in ("better", "worse") else "against"
-    tail = "" if pair.verdict in ("better", "worse") else f": {pair.verdict}"
-    return (
-        f"{pair.first} {verdict} {pair.second}{tail}{more}; better with probability {pair.probability:.2f} "
-        f"({low:.2f}–{high:.2f}), {runs}"
-    )
 
 
 def _metric(result: MetricResult) -> dict[str, Any]:

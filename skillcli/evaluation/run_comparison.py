@@ -150,6 +150,19 @@ def _needed(paired: bool, comparisons: int) -> int:
     return next(n for n in range(1, 64) if comparisons * 2 / (2**n if paired else comb(2 * n, n)) <= LEVEL)
 
 
+def sentence(pair: PairResult) -> str:
+    """Say whether the first of two groups is better, and from how many runs."""
+    low, high = pair.ci95
+    runs = f"{pair.paired} pairs of one seed" if pair.paired else f"n = {pair.n[0]} and {pair.n[1]}"
+    more = f": {pair.needed} of each could tell" if pair.verdict == TOO_FEW else f", p = {pair.p:.2g}"
+    verdict = f"{pair.verdict} than" if pair.verdict in (BETTER, WORSE) else "against"
+    tail = "" if pair.verdict in (BETTER, WORSE) else f": {pair.verdict}"
+    return (
+        f"{pair.first} {verdict} {pair.second}{tail}{more}; better with probability {pair.probability:.2f} "
+        f"({low:.2f}–{high:.2f}), {runs}"
+    )
+
+
 def efficiency(label: str, curves: Sequence[Curve]) -> Efficiency | None:
     """Summarise learning curves, which may have different lengths; each point counts the runs that came so far.
 

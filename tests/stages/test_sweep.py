@@ -138,3 +138,29 @@ def test_a_plan_lists_its_cells_by_setting_and_seed() -> None:
 def test_hashes_are_kept_as_numbers() -> None:
     sha = "00ff" + "0123456789abcdef" * 3 + "fedcba987654"
     assert len(sha) == 64 and sha_text(np.array(sha_words(sha))) == sha and sha_words("") == [0] * 8
+
+
+def test_a_sweep_is_compared_and_reported(tmp_path: Path) -> None:
+    root, page, figure = tmp_path / "store", tmp_path / "page.html", tmp_path / "figure.png"
+    asked = ("--seeds", "0-1", *TINY_SET[2:], "--set", "training.iterations=2,3", "--name", "grid")
+    made("--store", root, "sweep", "smoke", *asked)
+    found = made("--store", root, "compare", "grid/sweep", "--metric", "success_rate", "--png", figure)
+    (metric,) = found["metrics"]
+    assert [(group["label"], group["n"]) for group in metric["groups"]] == [
+        ("training.iterations=2", 2), ("training.iterations=3", 2),
+    ]  # fmt: skip
+    assert all(len(group["ci95"]) == 2 for group in metric["groups"])
+    (pair,) = metric["probability_of_improvement"]
+    assert pair["verdict"] == "too few runs to tell" and pair["pairs"] == 2 and pair["needed"] == 6
+    assert [curve["n"][-1] for curve in found["sample_efficiency"]] == [2, 2] and figure.stat().st_size > 1000
+    by_hand = made("--store", root, "compare", *(f"grid.iterations-{n}.s{s}/pretrain" for n in (2, 3) for s in (0, 1)))
+    same = [group for group in by_hand["metrics"][0]["groups"]]
+    assert [group["iqm"] for group in same] == [group["iqm"] for group in metric["groups"]]
+    assert [group["label"] for group in same] == ["training.iterations=2", "training.iterations=3"]
+    reported = made("--store", root, "report", "-o", page)
+    assert reported["artifacts"] == ["grid/sweep-v1"] and [one["title"] for one in reported["figures"]] == [
+        "Settings of grid compared"
+    ]
+    assert "Many runs" in page.read_text(encoding="utf-8") and "too few runs to tell" in page.read_text(encoding="utf-8")
+    for words in (("grid/sweep", "grid.iterations-2.s0/pretrain"), ("grid/sweep", "--metric", "speed"), ("grid/sweep",) * 2):
+        assert skill("--store", root, "compare", *words).code == 2
