@@ -118,7 +118,8 @@ class Search:
 
     def _propose(self, trial: int) -> Setting | None:
         """Return the setting of a trial: of an earlier run of this search, or a new one; None if there is none."""
-        known = [one for one in self._study.trials if AGAIN not in one.user_attrs]
+        keys = {axis.key for axis in self.axes}
+        known = [one for one in self._study.trials if AGAIN not in one.user_attrs and one.params.keys() == keys]
         if trial < len(known):
             before = known[trial]
             self._numbers.append(before.number)

@@ -154,7 +154,7 @@ def test_a_sweep_is_compared_and_reported(tmp_path: Path) -> None:
     assert pair["verdict"] == "too few runs to tell" and pair["pairs"] == 2 and pair["needed"] == 6
     assert [curve["n"][-1] for curve in found["sample_efficiency"]] == [2, 2] and figure.stat().st_size > 1000
     by_hand = made("--store", root, "compare", *(f"grid.iterations-{n}.s{s}/pretrain" for n in (2, 3) for s in (0, 1)))
-    same = [group for group in by_hand["metrics"][0]["groups"]]
+    same = by_hand["metrics"][0]["groups"]
     assert [group["iqm"] for group in same] == [group["iqm"] for group in metric["groups"]]
     assert [group["label"] for group in same] == ["training.iterations=2", "training.iterations=3"]
     reported = made("--store", root, "report", "-o", page)
