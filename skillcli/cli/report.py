@@ -45,7 +45,8 @@ def report(
     for row in done.page.todo:
         session.say(f"no number: {row.what}: `{row.todo}` gives it")
     size = done.html.stat().st_size / 1e6
-    counted = f"{len(done.page.figures) + len(done.page.comparisons)} figures, also in {done.folder}; {len(done.page.origins)} artifacts"
+    drawn = len(done.page.figures) + len(done.page.comparisons)
+    counted = f"{drawn} figures, also in {done.folder}; {len(done.page.origins)} artifacts"
     session.result(_payload(done), f"{done.html} ({size:.1f} MB): {counted}")
 
 
