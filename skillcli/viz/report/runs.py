@@ -21,7 +21,8 @@ RUN_SLUGS = frozenset(f"runs-{number + 1}" for number in range(MOST_SWEEPS))
 
 def compare_sweeps(store: Store, sweeps: Sequence[Artifact]) -> tuple[list[Comparison], list[Missing]]:
     """Compare the settings of each sweep, and say which ones cannot be."""
-    found, missing = [], []
+    found: list[Comparison] = []
+    missing: list[Missing] = []
     for sweep in sweeps:
         try:
             found.append(_comparison(store, sweep, f"runs-{len(found) + 1}"))
