@@ -17,6 +17,7 @@ from skillcli.progress import OnProgress
 from skillcli.recipe import load_recipe, resolve
 from skillcli.stopping import stoppable
 from skillcli.store import Artifact, Draft, Store, content_hash
+from skillcli.sweeps.alone import alone
 from skillcli.sweeps.cell import DONE, FAILED, PRUNED, Beat, Cell, Outcome, setting_label
 from skillcli.sweeps.plan import SweepPlan, Tally
 from skillcli.sweeps.run import Backend, Run, run_locally
@@ -100,10 +101,11 @@ def run_cell(root: str, cell: Cell, threads: int, on_progress: OnProgress) -> Ou
     links = []
     recipe = resolve(cell.recipe, by_hand=True)
     chain = run_chain(store, recipe, cell.seed, cell.name, cell.command, on_progress, threads, _elsewhere(root))
-    for link in chain:
-        links.append(link)
-        if link.artifact.kind == cell.through:
-            break
+    with alone(store.root / cell.name):
+        for link in chain:
+            links.append(link)
+            if link.artifact.kind == cell.through:
+                break
     return Outcome(
         cell.index,
         DONE,
