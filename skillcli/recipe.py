@@ -351,16 +351,24 @@ def _override(text: str) -> dict[str, Any]:
     parts = key.strip().split(".")
     if not equals or not all(parts) or len(parts) > DEEPEST:
         raise UsageError(f"--set {shown(text)}: expected key=value", "for example --set training.iterations=20")
-    item: Any
-    try:
-        item = parse_toml(f"item = {raw}")["item"]
-    except tomllib.TOMLDecodeError:
-        item = raw.strip()  # a bare word is a string: --set compose.task=triangle
-    except ValueError as error:
-        raise UsageError(f"--set {key}: {error}", "give a plain value") from None
+    item = parsed_value(key, raw)
     for part in reversed(parts):
         item = {part: item}
     return dict(item)
+
+
+def parsed_value(key: str, raw: str) -> Any:
+    """Read the value of `--set KEY=VALUE`: a TOML value, or a bare word as text.
+
+    Raises:
+        UsageError: it is neither.
+    """
+    try:
+        return parse_toml(f"item = {raw}")["item"]
+    except tomllib.TOMLDecodeError:
+        return raw.strip()  # a bare word is a string: --set compose.task=triangle
+    except ValueError as error:
+        raise UsageError(f"--set {key}: {error}", "give a plain value") from None
 
 
 def _explained(error: ValidationError, kind: type[Recipe]) -> tuple[str, str]:

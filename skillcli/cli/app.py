@@ -13,7 +13,21 @@ from typing import Annotated, NoReturn
 import typer
 
 from skillcli import __version__
-from skillcli.cli import execute, identify, inspect, remote, report, robots, stages, store_admin, store_view, trouble, typed
+from skillcli.cli import (
+    compare_runs,
+    execute,
+    identify,
+    inspect,
+    remote,
+    report,
+    robots,
+    stages,
+    store_admin,
+    store_view,
+    sweep,
+    trouble,
+    typed,
+)
 from skillcli.cli.session import Session
 from skillcli.errors import SkillError
 from skillcli.plaintext import line
@@ -57,6 +71,8 @@ def options(
 
 
 stages.register(app)
+sweep.register(app)
+compare_runs.register(app)
 execute.register(app)
 identify.register(app)
 inspect.register(app)

@@ -45,11 +45,13 @@ def report(
     for row in done.page.todo:
         session.say(f"no number: {row.what}: `{row.todo}` gives it")
     size = done.html.stat().st_size / 1e6
-    counted = f"{len(done.page.figures)} figures, also in {done.folder}; {len(done.page.origins)} artifacts"
+    drawn = len(done.page.figures) + len(done.page.comparisons)
+    counted = f"{drawn} figures, also in {done.folder}; {len(done.page.origins)} artifacts"
     session.result(_payload(done), f"{done.html} ({size:.1f} MB): {counted}")
 
 
 def _payload(done: Reported) -> dict[str, Any]:
+    figures = [*done.page.figures, *(comparison.figure for comparison in done.page.comparisons)]
     return {
         "html": str(done.html),
         "figures": [
@@ -60,7 +62,7 @@ def _payload(done: Reported) -> dict[str, Any]:
                 "png": str(done.folder / f"{figure.slug}.png"),
                 "artifacts": list(figure.artifacts),
             }
-            for figure in done.page.figures
+            for figure in figures
         ],
         "artifacts": [origin.id for origin in done.page.origins],
         "not_drawn": [{"figure": missing.what, "reason": missing.reason} for missing in done.page.not_drawn],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -53,11 +54,14 @@ def list_artifacts(
     remote: Annotated[
         str, typer.Option("--remote", help="List this shared store instead, and what of it is here.", metavar="REMOTE")
     ] = "",
+    cells: Annotated[
+        bool, typer.Option("--cells", help="Also list the cells of sweeps, as --kind, --name and --json do anyway.")
+    ] = False,
 ) -> None:
-    """List the artifacts, the newest last."""
+    """List the artifacts, the newest last; a sweep with all its cells is one row."""
     from fnmatch import fnmatchcase
 
-    from skillcli.kinds import KINDS
+    from skillcli.kinds import KINDS, SWEEP
 
     if kind and kind not in KINDS:
         raise UsageError(f"no kind {kind!r}", f"kinds: {', '.join(KINDS)}")
@@ -80,23 +84,35 @@ def list_artifacts(
     ]
     for broken in found.unreadable:
         session.say(f"{broken.id}: {broken.problem}", "red")
-    _print_listing(session, found._replace(headers=chosen))
+    sweeps = frozenset(header.id.name for header in found.headers if SWEEP.name == header.kind)
+    _print_listing(session, found._replace(headers=chosen), sweeps, fold=not (cells or kind or name != "*"))
 
 
-def _print_listing(session: Session, found: Listing) -> None:
+def _print_listing(session: Session, found: Listing, sweeps: frozenset[str], fold: bool) -> None:
+    from skillcli.kinds import SWEEP
+    from skillcli.sweeps.cell import sweep_of
+
     pinned = session.store.pinned()
+    member = {header.id.name: "" for header in found.headers}
+    member = {name: sweep_of(name, sweeps) for name in member} if sweeps else member
     if session.json:
-        listed = [_entry(header, header.id in pinned) for header in found.headers]
+        listed = [{**_entry(header, header.id in pinned), "sweep": member[header.id.name] or None} for header in found.headers]
         unreadable = [{"id": str(broken.id), "problem": broken.problem} for broken in found.unreadable]
         session.result({"artifacts": listed, "unreadable": unreadable})
         return
-    rows = [_row(header, header.id in pinned) for header in found.headers]
+    folded = Counter(sweep for header in found.headers if fold and (sweep := member[header.id.name]))
+    last = {header.id.name: header.id for header in found.headers if header.kind == SWEEP.name}
+    rows = [
+        _row(header, header.id in pinned, folded[header.id.name] if last.get(header.id.name) == header.id else 0)
+        for header in found.headers
+        if not (fold and member[header.id.name] in last)
+    ]
     session.result({}, plain_table(_COLUMNS, rows) if len(rows) > LONG else _table(rows, session.out.width))
 
 
-def _row(header: Header, pinned: bool) -> tuple[str, ...]:
+def _row(header: Header, pinned: bool, folded: int) -> tuple[str, ...]:
     made = header.created_utc[:16].replace("T", " ")
-    notes = ["pinned"] * pinned + _schema_note(header)
+    notes = ["pinned"] * pinned + [f"{folded} artifacts of its cells"] * bool(folded) + _schema_note(header)
     return str(header.id), made, header.recipe_name, str(header.seed), f"{header.bytes / 1e3:,.0f}", ", ".join(notes)
 
 

@@ -9,8 +9,9 @@ from rich.pretty import Pretty
 from rich.table import Table
 from rich.text import Text
 
+from skillcli.cli import sweep_view
 from skillcli.composition.registry import replanning
-from skillcli.kinds import COMPOSE, EMBED_MEANS, EXECUTION, PRETRAIN, TRANSFER_EVAL, ByKind, kind_spec
+from skillcli.kinds import COMPOSE, EMBED_MEANS, EXECUTION, PRETRAIN, SWEEP, TRANSFER_EVAL, ByKind, kind_spec
 from skillcli.kinds.compose import Violation
 from skillcli.kinds.embed_means import Halfway
 from skillcli.kinds.outcome import Outcome
@@ -262,3 +263,6 @@ def execution(artifact: Artifact) -> Group:
         said.append(f"stopped in episode {stop.episode + 1} after {stop.seconds:.2f} s, {stop.reason}: {stop.message}")
     parts = ["\n".join(said)] if said else []
     return Group(_title(artifact, f": {artifact.parents[0].id} by the driver {found.driver}"), table, *parts)
+
+
+TABLES.register(SWEEP)(sweep_view.table)

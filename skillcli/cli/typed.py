@@ -13,7 +13,8 @@ PLACE = "--store"
 SWITCHES = ("--json", "--quiet", "--debug")
 
 _PROPOSED = re.compile(
-    r"(?P<before>^|`|: )skill (?=(?:pretrain|embed-means|compose|transfer-eval|run|demo|viz|report|ls|show|diff|verify|pin"
+    r"(?P<before>^|`|: )skill (?=(?:pretrain|embed-means|compose|transfer-eval|run|demo|sweep|compare"
+    r"|viz|report|ls|show|diff|verify|pin"
     r"|unpin|rm|gc|export|import|upload|download|migrate|unlock|doctor)\b)"
 )
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from skillcli.errors import SkillError
+from skillcli.errors import SkillError, UnknownArtifact
 from skillcli.evaluation.consistency import check_meaning, stored_recipe
 from skillcli.evaluation.inputs import compose_inputs, embed_means_inputs, pretrain_inputs, transfer_eval_inputs
 from skillcli.evaluation.request import Request
@@ -17,15 +17,28 @@ from skillcli.evaluation.transfer_evaluator import TargetRobots
 from skillcli.kinds import COMPOSE, TRANSFER_EVAL, AnyKind
 from skillcli.kinds.compose import GOALS
 from skillcli.simulation.domains import find_domains
-from skillcli.store import Artifact, Store, content_hash
+from skillcli.store import Artifact, ArtifactId, Store, content_hash
 from skillcli.tasks.world import World
 from skillcli.trajectories import Array
 
 Inputs = Callable[[Artifact, World], str]
+Elsewhere = Mapping[tuple[str, str], Sequence[ArtifactId]]
+"""Artifacts of a store by kind and claimed inputs, whatever their names, newest first."""
 
 
-def finished(store: Store, kind: AnyKind, inputs: str, name: str, inputs_of: Inputs) -> Artifact | None:
-    """Find the newest artifact under a name that was made from exactly these inputs.
+def by_inputs(store: Store) -> Elsewhere:
+    """Read which inputs the artifacts of a store claim, all at once."""
+    found: dict[tuple[str, str], list[ArtifactId]] = {}
+    for header in reversed(store.headers()):
+        if header.inputs_sha256:
+            found.setdefault((header.kind, header.inputs_sha256), []).append(header.id)
+    return found
+
+
+def finished(
+    store: Store, kind: AnyKind, inputs: str, name: str, inputs_of: Inputs, elsewhere: Elsewhere | None = None
+) -> Artifact | None:
+    """Find the newest artifact that was made from exactly these inputs, under a name or, where it is allowed, elsewhere.
 
     Args:
         store: where to look.
@@ -33,12 +46,16 @@ def finished(store: Store, kind: AnyKind, inputs: str, name: str, inputs_of: Inp
         inputs: fingerprint of everything that the work depends on.
         name: first part of its id.
         inputs_of: computes the fingerprint from an artifact's content and the world of its recipe; "" if it cannot.
+        elsewhere: artifacts of other names that will do as well, those under the name first.
 
     Raises:
         StoreError: an artifact that claims these inputs cannot be read.
     """
-    for one in store.find(kind.name, inputs, name):
-        artifact = store.read(one)
+    for one in dict.fromkeys([*store.find(kind.name, inputs, name), *(elsewhere or {}).get((kind.name, inputs), ())]):
+        try:
+            artifact = store.read(one)
+        except UnknownArtifact:  # removed meanwhile
+            continue
         if content_hash(artifact) == artifact.content_sha256 and _really(artifact, inputs_of) == inputs:
             return artifact
     return None

@@ -11,6 +11,7 @@ from skillcli.kinds.embed_means import EMBED_MEANS
 from skillcli.kinds.execution import EXECUTION
 from skillcli.kinds.pretrain import PRETRAIN
 from skillcli.kinds.spec import KindSpec
+from skillcli.kinds.sweep import SWEEP
 from skillcli.kinds.transfer_eval import TRANSFER_EVAL
 
 __all__ = [
@@ -19,6 +20,7 @@ __all__ = [
     "EXECUTION",
     "KINDS",
     "PRETRAIN",
+    "SWEEP",
     "TRANSFER_EVAL",
     "AnyKind",
     "ByKind",
@@ -29,7 +31,7 @@ __all__ = [
 AnyKind = KindSpec[Any, Any]
 T = TypeVar("T")
 
-KINDS: dict[str, AnyKind] = {spec.name: spec for spec in (PRETRAIN, EMBED_MEANS, COMPOSE, TRANSFER_EVAL, EXECUTION)}
+KINDS: dict[str, AnyKind] = {spec.name: spec for spec in (PRETRAIN, EMBED_MEANS, COMPOSE, TRANSFER_EVAL, EXECUTION, SWEEP)}
 """By name, in the order of a chain."""
 
 

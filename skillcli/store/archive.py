@@ -32,7 +32,7 @@ from skillcli.store.store import Store
 MANIFEST = "manifest.json"
 FORMAT = {"format": "skill-export", "version": 1}
 MAX_MANIFEST_BYTES = 1 << 20
-MAX_ARTIFACTS = len(KINDS)
+MAX_ARTIFACTS = len({kind for spec in KINDS.values() if spec.made_from for kind in (spec.name, *spec.made_from)})
 """An artifact and its ancestors: each was made from one of an earlier kind."""
 
 _BLOCK = 512  # block size of a tar

@@ -15,7 +15,8 @@ STAGES = tuple(KINDS)
 
 LAST_VERSION = 999_999_999
 
-NAME = r"(?!.*\.\.)[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
+NAME_LENGTH = 64
+NAME = rf"(?!.*\.\.)[A-Za-z0-9][A-Za-z0-9._-]{{0,{NAME_LENGTH - 1}}}"
 
 
 def file_pattern(before: str = "", after: str = "") -> re.Pattern[str]:

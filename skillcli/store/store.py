@@ -149,6 +149,11 @@ class Store:
         with storage_errors(f"list {self.root}"):
             return listing.versions(self.root, artifact_id)
 
+    def newest(self, name: str, kind: str) -> ArtifactId | None:
+        """Return the newest artifact of a name and kind; None if there is none."""
+        found = self.versions(ArtifactId(name, kind, 1))
+        return found[-1] if found else None
+
     def strangers(self) -> list[Path]:
         """Return files and folders in the store that do not belong to it."""
         return listing.look(self.root).strangers
@@ -217,8 +222,17 @@ class Store:
             return []
         version = kind_spec(kind).version
         wanted = (kind, version, inputs_sha256)
-        same = [header for header in self.headers() if (header.kind, header.schema_version, header.inputs_sha256) == wanted]
-        return [header.id for header in reversed(same) if name in (None, header.id.name)]
+        headers = self.headers() if name is None else self._series(ArtifactId(name, kind, 1))
+        same = [header for header in headers if (header.kind, header.schema_version, header.inputs_sha256) == wanted]
+        return [header.id for header in reversed(same)]
+
+    def _series(self, artifact_id: ArtifactId) -> list[Header]:
+        """Return the readable headers of one NAME/STAGE by version, without a look at the rest of the store."""
+        found = []
+        for one in self.versions(artifact_id):
+            with suppress(StoreError):
+                found.append(self._header(one))
+        return found
 
     def lineage(self, artifact_id: ArtifactId) -> list[ArtifactId]:
         """Return all ancestors, nearest first; a missing one is named, but its own ancestors are unknown.

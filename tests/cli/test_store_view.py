@@ -11,9 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import CHAIN, files, made, skill
+from forge import forge
 
 from skillcli.cli import terminal_plots
 from skillcli.cli.terminal import Terminal
+from skillcli.store import ArtifactId, Store
 
 GOLDEN = Path(__file__).parent.parent / "store" / "golden"
 
@@ -21,7 +23,7 @@ GOLDEN = Path(__file__).parent.parent / "store" / "golden"
 @pytest.fixture
 def store(tmp_path: Path) -> Path:
     """A store with tiny/pretrain-v1 … tiny/transfer-eval-v1 and two artifacts of an older schema."""
-    return shutil.copytree(GOLDEN, tmp_path / "artifacts", ignore=shutil.ignore_patterns("execution-*"))  # not of the chain
+    return shutil.copytree(GOLDEN, tmp_path / "artifacts", ignore=shutil.ignore_patterns("execution-*", "sweep-*"))
 
 
 def listed(store: Path, *words: str) -> list[str]:
@@ -47,6 +49,19 @@ def test_ls_filters_by_kind_name_recipe_and_date(store: Path) -> None:
     for words in (["--kind", "video"], ["--since", "yesterday"]):
         assert skill("--store", store, "--json", "ls", *words).code == 2
     assert "schema 1: migrate" in said(store, "ls")
+
+
+def test_a_sweep_with_its_cells_is_one_row_unless_they_are_asked_for(store: Path) -> None:
+    shutil.copy(GOLDEN / "tiny" / "sweep-v1.h5", store / "tiny")
+    trained = Store(store).read(ArtifactId("tiny", "pretrain", 1))
+    for name in ("tiny.iterations-2.s0", "tiny.s1", "tinyer.s0"):
+        forge(Store(store), trained, id=ArtifactId(name, "pretrain", 1))
+    for words, shown in (((), False), (("--cells",), True), (("--name", "tiny*"), True), (("--kind", "pretrain"), True)):
+        rows = said(store, "ls", *words)
+        assert ("tiny.iterations-2.s0" in rows) is shown and "tinyer.s0" in rows
+    assert "2 artifacts of its cells" in said(store, "ls")
+    member = {one["id"]: one["sweep"] for one in made("--store", store, "ls")["artifacts"]}
+    assert member["tiny.s1/pretrain-v1"] == "tiny" and member["tinyer.s0/pretrain-v1"] is None
 
 
 def test_a_long_listing_has_the_same_columns_without_a_frame(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -137,9 +137,10 @@ def test_without_its_spec_it_is_no_artifact(worn: tuple[Store, Artifact], monkey
     assert caught.value.hint == f"this skill knows {', '.join(STAGES)}"
 
 
-def test_every_kind_has_a_table_a_figure_and_a_recording() -> None:
-    for registry in (TABLES, SCENES, FIGURES, LAYOUTS):
-        assert all(kind in registry for kind in STAGES)
+def test_every_kind_has_a_table_and_with_episodes_a_figure_and_a_recording() -> None:
+    assert all(kind in TABLES for kind in STAGES)
+    for registry in (SCENES, FIGURES, LAYOUTS):
+        assert all(kind in registry for kind, spec in KINDS.items() if spec.holds("trajectories"))
 
 
 def test_an_unknown_kind_is_an_error_that_lists_what_is_known() -> None:

@@ -82,11 +82,40 @@ class RecipeText:
     artifacts: Sequence[str]
 
 
+@dataclass(frozen=True)
+class ComparedGroup:
+    """How well a group of runs does."""
+
+    label: str
+    n: int
+    iqm: str
+    interval: str
+
+
+@dataclass(frozen=True)
+class ComparedMetric:
+    """One metric of all groups of a sweep, and what can be told of them."""
+
+    name: str
+    groups: Sequence[ComparedGroup]
+    told: Sequence[str]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A sweep: its settings compared."""
+
+    artifact: str
+    metrics: Sequence[ComparedMetric]
+    figure: ReportFigure
+
+
 @dataclass(frozen=True, kw_only=True)
 class Page:
     """Everything on the page."""
 
     figures: Sequence[ReportFigure]
+    comparisons: Sequence[Comparison]
     tables: Sequence[Table]
     origins: Sequence[Origin]
     recipes: Sequence[RecipeText]

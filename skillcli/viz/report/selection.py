@@ -8,13 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from skillcli.errors import SkillError, StoreError
-from skillcli.kinds import EXECUTION, AnyKind, kind_spec
+from skillcli.kinds import EXECUTION, SWEEP, AnyKind, kind_spec
 from skillcli.robots.config import is_path
 from skillcli.store import Artifact, ArtifactId, Header, Store
+from skillcli.sweeps.cell import sweep_of
 from skillcli.viz.loading import scene_of
 from skillcli.viz.scene import Scene, drawable, label
 
 LIMIT = 100  # artifacts on one page
+MOST_SWEEPS = 8  # on one page
 PREFERRED = "reference"  # names with this prefix come first
 
 
@@ -63,6 +65,7 @@ class Material:
     exhibits: tuple[Exhibit, ...]
     skipped: tuple[tuple[ArtifactId | str, str], ...]
     left_out: int
+    sweeps: tuple[Artifact, ...] = ()
 
     def find(self, kind: AnyKind, task: str = "", where: Callable[[Exhibit], bool] = lambda _: True) -> list[Exhibit]:
         """Return the exhibits of a kind, of a task (any by default), that fulfil a condition."""
@@ -79,7 +82,9 @@ def select(store: Store, ids: Sequence[ArtifactId]) -> Material:
     """
     listing = store.listing()
     skipped = [(one.id, one.problem) for one in listing.unreadable]
-    wanted = _asked(store, ids) if ids else list(_newest(listing.headers))
+    everything = _asked(store, ids) if ids else list(_newest(listing.headers))
+    wanted = [one for one in everything if one.stage != SWEEP.name]
+    sweeps = [store.read(one) for one in everything if one.stage == SWEEP.name][:MOST_SWEEPS]
     exhibits = []
     for one in wanted[:LIMIT]:
         try:
@@ -92,7 +97,7 @@ def select(store: Store, ids: Sequence[ArtifactId]) -> Material:
         except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
             # from another version: intact, but its results have another form
             skipped.append((one, f"its results are not those of its kind ({type(error).__name__}: {error})"))
-    if not exhibits:
+    if not exhibits and not sweeps:
         _nothing(store, skipped)
     if not ids:
         exhibits.sort(key=lambda one: bool(one.robot))  # the paper's arm first
@@ -101,6 +106,7 @@ def select(store: Store, ids: Sequence[ArtifactId]) -> Material:
         tuple(exhibits),
         tuple((one, problem) for one, problem in skipped if not ids or one in known),
         max(0, len(wanted) - LIMIT),
+        tuple(sweeps),
     )
 
 
@@ -127,7 +133,10 @@ def _newest(headers: Sequence[Header]) -> Iterator[ArtifactId]:
 
     Every execution is another experiment, so all of them are returned, last. References come first, then libraries with more
     descendants.
+    Cells of sweeps are left to their sweep.
     """
+    sweeps = frozenset(header.id.name for header in headers if SWEEP.name == header.kind)
+    headers = [header for header in headers if not sweep_of(header.id.name, sweeps)]
     kinds: dict[str, set[str]] = {}
     for header in headers:
         kinds.setdefault(header.id.name, set()).add(header.kind)

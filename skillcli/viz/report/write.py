@@ -18,6 +18,7 @@ from skillcli.viz.report.comparison import tables
 from skillcli.viz.report.content import Missing, Origin, Page, RecipeText
 from skillcli.viz.report.figures import SLUGS, make_figures
 from skillcli.viz.report.page import render
+from skillcli.viz.report.runs import RUN_SLUGS, compare_sweeps
 from skillcli.viz.report.selection import Material, select
 
 SUFFIXES = ("pdf", "png")  # of the figures beside the page
@@ -46,18 +47,21 @@ def report(store: Store, ids: Sequence[ArtifactId], path: Path) -> Reported:
     _check_place(path)
     material = select(store, ids)
     figures, missing = make_figures(material)
+    comparisons, untold = compare_sweeps(store, material.sweeps)
     page = Page(
         figures=figures,
+        comparisons=comparisons,
         tables=tables(material),
-        origins=[_origin(exhibit.artifact) for exhibit in material.exhibits],
+        origins=[*(_origin(exhibit.artifact) for exhibit in material.exhibits), *map(_origin, material.sweeps)],
         recipes=_recipes(material),
-        not_drawn=missing,
+        not_drawn=[*missing, *untold],
         skipped=[Missing(str(one), reason) for one, reason in material.skipped],
         left_out=material.left_out,
         version=__version__,
     )
     folder = path.with_name(f"{path.stem}_figures")
-    files = {folder / f"{figure.slug}.{suffix}": figure.files[suffix] for figure in figures for suffix in SUFFIXES}
+    drawn = [*figures, *(comparison.figure for comparison in comparisons)]
+    files = {folder / f"{figure.slug}.{suffix}": figure.files[suffix] for figure in drawn for suffix in SUFFIXES}
     _write(folder, {**files, path: visible(render(page)).encode()})
     return Reported(path, folder, page)
 
@@ -85,7 +89,7 @@ def _write(folder: Path, files: Mapping[Path, bytes]) -> None:
         if new:
             folder.rmdir()
         raise
-    for old in {folder / f"{slug}.{suffix}" for slug in SLUGS for suffix in SUFFIXES} - files.keys():
+    for old in {folder / f"{slug}.{suffix}" for slug in SLUGS | RUN_SLUGS for suffix in SUFFIXES} - files.keys():
         old.unlink(missing_ok=True)
 
 
@@ -108,8 +112,8 @@ def _origin(artifact: Artifact) -> Origin:
 def _recipes(material: Material) -> list[RecipeText]:
     """List every recipe once, with the artifacts made from it."""
     by_hash: dict[str, list[Artifact]] = {}
-    for exhibit in material.exhibits:
-        by_hash.setdefault(exhibit.artifact.recipe_sha256, []).append(exhibit.artifact)
+    for artifact in (*(exhibit.artifact for exhibit in material.exhibits), *material.sweeps):
+        by_hash.setdefault(artifact.recipe_sha256, []).append(artifact)
     return [
         RecipeText(made[0].recipe_name, sha256, as_toml(made[0].recipe), [str(one.id) for one in made])
         for sha256, made in by_hash.items()

@@ -1,0 +1,111 @@
+"""Statistics of runs, against numbers worked out by hand and against scipy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from skillcli.evaluation import statistics
+from skillcli.evaluation.statistics import Tested
+
+
+def test_the_interquartile_mean_leaves_out_a_quarter_at_each_end() -> None:
+    assert statistics.iqm(np.array([1.0, 2.0, 3.0, 100.0])) == 2.5
+    assert statistics.iqm(np.array([1.0, 2.0, 9.0])) == 4.0, "a quarter of three is none"
+    assert statistics.iqm(np.arange(8.0)) == 3.5
+    scores = np.random.default_rng(0).normal(size=(5, 13))
+    assert np.allclose(statistics.iqm(scores), stats.trim_mean(scores, 0.25, axis=1))
+
+
+def test_the_interval_is_that_of_scipys_bootstrap() -> None:
+    scores = np.random.default_rng(1).normal(size=20)
+    ours = statistics.estimate([scores])
+    found = stats.bootstrap(
+        (scores,), statistics.iqm, n_resamples=20_000, method="percentile", random_state=np.random.default_rng(2)
+    )
+    assert ours.value == statistics.iqm(scores)
+    assert abs(ours.low - found.confidence_interval.low) < 0.03 and abs(ours.high - found.confidence_interval.high) < 0.03
+
+
+def test_the_interval_of_the_mean_of_a_published_sample_is_the_published_one() -> None:
+    # Efron and Tibshirani, An introduction to the bootstrap (1993), table 2.1: survival of treated mice in days; mean 86.86,
+    # and the exact standard deviation of the bootstrap mean, sqrt(6/7) times the standard error 25.24.
+    mice = np.array([94.0, 197, 16, 38, 99, 141, 23])
+    draws = statistics.resampled([mice], 50_000, np.random.default_rng(0)).mean(axis=1)
+    assert abs(mice.mean() - 86.86) < 0.005
+    assert abs(draws.std() - 25.24 * np.sqrt(6 / 7)) < 0.2
+
+
+def test_a_resample_keeps_the_runs_of_each_stratum() -> None:
+    drawn = statistics.resampled([np.zeros(3), np.ones(5)], 100, np.random.default_rng(0))
+    assert drawn.shape == (100, 8) and (drawn.sum(axis=1) == 5).all()
+    equal = statistics.estimate([np.zeros(3), np.ones(3)], lambda scores: scores.mean(axis=-1))
+    assert (equal.value, equal.low, equal.high) == (0.5, 0.5, 0.5), "no stratum varies"
+
+
+def test_the_probability_of_improvement_counts_ties_as_a_half() -> None:
+    a, b = np.array([1.0, 2.0, 3.0]), np.array([2.0, 0.0])
+    assert statistics.improvement([a], [b]) == pytest.approx((0.5 * 1 + 1 + 1 + 1 + 1) / 6)  # 1>0; 2=2, 2>0; 3>2, 3>0
+    assert statistics.improvement([a, np.zeros(2)], [b, np.zeros(4)]) == pytest.approx((4.5 / 6 + 0.5) / 2)
+    found = stats.mannwhitneyu(a, b).statistic / 6
+    assert statistics.improvement([a], [b]) == pytest.approx(found)
+    low, high = statistics.improvement_interval([a], [b])
+    assert 0 <= low <= 4.5 / 6 <= high <= 1
+
+
+def test_a_profile_is_the_share_of_runs_above() -> None:
+    share, low, high = statistics.profile([np.array([0.0, 0.5, 1.0, 1.0])], np.array([-0.1, 0.0, 0.5, 1.0]))
+    assert share.tolist() == [1.0, 0.75, 0.5, 0.0]
+    assert (low <= share).all() and (share <= high).all()
+
+
+def test_a_paired_test_tries_every_sign() -> None:
+    assert statistics.paired_test(np.array([1.0, 2.0, 3.0])) == Tested(0.25, 0.25, 3)  # of 8 signs, +++ and −−−
+    assert statistics.paired_test(np.array([1.0, -1.0])).p == 1.0
+    six = statistics.paired_test(np.arange(1.0, 7.0))
+    assert (six.p, six.smallest) == (2 / 64, 2 / 64)
+    many = np.random.default_rng(0).normal(0.1, 1.0, 30)
+    found = stats.permutation_test((many,), lambda x, axis: x.mean(axis=axis), permutation_type="samples", n_resamples=9999)
+    assert abs(statistics.paired_test(many).p - found.pvalue) < 0.02
+    assert statistics.paired_test(np.zeros(4)).p == 1.0 and statistics.paired_test(np.zeros(0)).p == 1.0
+
+
+def test_an_unpaired_test_tries_every_split() -> None:
+    a, b = np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0])
+    assert statistics.unpaired_test([a], [b]) == Tested(2 / 20, 2 / 20, 0)
+    assert statistics.unpaired_test([a], [a]).p == 1.0
+    rng = np.random.default_rng(0)
+    x, y = rng.normal(size=12), rng.normal(0.8, 1.0, size=12)
+    found = stats.permutation_test(
+        (x, y), lambda p, q, axis: p.mean(axis=axis) - q.mean(axis=axis), n_resamples=9999, vectorized=True
+    )
+    assert abs(statistics.unpaired_test([x], [y]).p - found.pvalue) < 0.02
+    strata = statistics.unpaired_test([a, a + 10], [b, b + 10])
+    assert strata.p < 2 / 20 and strata.smallest == pytest.approx(2 / 400)
+
+
+def test_several_comparisons_are_adjusted_together() -> None:
+    tests = [Tested(p, 0.0, 0) for p in (0.01, 0.04, 0.03)]
+    assert statistics.holm(tests) == pytest.approx([0.03, 0.06, 0.06])
+    assert statistics.holm([Tested(0.9, 0.0, 0)] * 3) == [1.0, 1.0, 1.0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("runs", "shared"), [(4, False), (5, False), (7, False), (6, True), (9, True)])
+def test_noise_is_told_from_a_difference(runs: int, shared: bool) -> None:
+    """Of 1,000 pairs of groups that do not differ at most 6 % are told apart; of those that do, most, given enough runs."""
+    rng = np.random.default_rng(runs)
+
+    def told(shift: float) -> float:
+        alarms = 0
+        for _ in range(1000):
+            common = rng.normal(size=runs) if shared else 0.0
+            a, b = (np.clip(common + rng.normal(size=runs) + each, -1.5, 1.5) for each in (shift, 0.0))  # with ties
+            tested = statistics.paired_test(a - b) if shared else statistics.unpaired_test([a], [b])
+            alarms += tested.p <= statistics.LEVEL
+        return alarms / 1000
+
+    assert told(0.0) <= 0.06
+    if runs in (7, 9):
+        assert told(2.5) >= 0.9
