@@ -52,7 +52,7 @@ def pool(executions: Iterable[Artifact]) -> list[Pooled]:
     """Pool executions of the same plan on the same arm, by the same driver, domain and speed, with replanning or without.
 
     Simulated arms that were drawn with the same seed are the same arms: of such executions only the longest counts, of several
-    the newest. Dry runs send nothing and are left out.
+    the newest. Dry runs send nothing and are left out. So is an episode that somebody interrupted: it says nothing of the plan.
 
     Args:
         executions: in any order.
@@ -63,7 +63,7 @@ def pool(executions: Iterable[Artifact]) -> list[Pooled]:
     groups: dict[tuple[object, ...], list[Artifact]] = {}
     for one in executions:
         found = EXECUTION.results_of(one)
-        if not found.dry_run:
+        if not found.dry_run and _counted(one):
             plan = one.parents[0].content_sha256 if one.parents else ""
             how = found.driver, found.robot.fingerprint, found.domain, found.max_speed, found.replanned
             groups.setdefault((plan, *how), []).append(one)
@@ -72,14 +72,14 @@ def pool(executions: Iterable[Artifact]) -> list[Pooled]:
 
 def _pooled(group: list[Artifact]) -> Pooled:
     used: dict[object, Artifact] = {}
-    longest = sorted(group, key=lambda one: (EXECUTION.results_of(one).episodes, one.created_utc), reverse=True)
+    longest = sorted(group, key=lambda one: (_counted(one), one.created_utc), reverse=True)
     for one in longest:
         simulated = EXECUTION.results_of(one).domain is not None
         used.setdefault(one.seed if simulated else one.id, one)
     kept = sorted(used.values(), key=lambda one: one.created_utc, reverse=True)
     results = [EXECUTION.results_of(one) for one in kept]
-    episodes, successes = sum(one.episodes for one in results), sum(one.successes for one in results)
-    distance = np.concatenate([one.arrays["episodes/final_distance"] for one in kept])
+    episodes, successes = sum(map(_counted, kept)), sum(one.successes for one in results)
+    distance = np.concatenate([one.arrays["episodes/final_distance"][: _counted(one)] for one in kept])
     return Pooled(
         used=tuple(kept),
         repeated=tuple(one.id for one in longest if one not in kept),
@@ -90,3 +90,11 @@ def _pooled(group: list[Artifact]) -> Pooled:
         p90=float(np.quantile(distance, 0.9)),
         stopped=tuple(dict.fromkeys(one.stopped.reason for one in results if one.stopped is not None)),
     )
+
+
+def _counted(one: Artifact) -> int:
+    """Return how many episodes of an execution count: the last one does not if somebody interrupted it."""
+    found = EXECUTION.results_of(one)
+    stop = found.stopped
+    cut_short = stop is not None and stop.reason == "interrupted" and stop.episode == found.episodes - 1
+    return found.episodes - cut_short

@@ -45,6 +45,21 @@ def test_the_same_simulated_robots_count_once_and_real_ones_every_time() -> None
     assert real[0].episodes == 20 and not real[0].repeated
 
 
+def test_an_episode_that_somebody_interrupted_is_none_and_one_that_broke_off_by_itself_failed() -> None:
+    def stop(reason: str, episode: int) -> dict[str, Any]:
+        return {"stopped": {"reason": reason, "message": "", "episode": episode, "seconds": 1.0}}
+
+    counted = [
+        (
+            pool([execution(1, 3, 4, **stop(reason, episode))])[0].successes,
+            pool([execution(1, 3, 4, **stop(reason, episode))])[0].episodes,
+        )
+        for reason, episode in (("interrupted", 3), ("interrupted", 4), ("stale_reading", 3))
+    ]
+    assert counted == [(3, 3), (3, 4), (3, 4)]
+    assert pool([execution(1, 0, 1, **stop("interrupted", 0))]) == []
+
+
 def test_what_differs_in_more_than_chance_stays_apart_and_dry_runs_are_none() -> None:
     other = {**ONE.results["robot"], "fingerprint": "f" * 64}
     changes: list[dict[str, Any]] = [{}, {"domain": "real-like"}, {"max_speed": 0.2}, {"replanned": True}, {"robot": other}]

@@ -13,7 +13,7 @@ from skillcli.viz.report.selection import Material
 
 NOTE = (
     "Several executions of one plan on one arm count together; of simulated ones with the same seed only the longest does."
-    " Distances as the arm's own sensors show them. Interval: Wilson, 95 %."
+    " An episode that somebody interrupted is none. Distances as the arm's own sensors show them. Interval: Wilson, 95 %."
     " Two rates agree if Newcombe's interval of their difference holds zero."
 )
 
