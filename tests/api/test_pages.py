@@ -25,9 +25,9 @@ def examples(page: str) -> list[str]:
     return [block for block in code if not block.startswith("$")]
 
 
-@pytest.mark.parametrize(("page", "count"), [("python.md", 8), ("gymnasium.md", 4)])
+@pytest.mark.parametrize(("page", "count"), [("python.md", 8), ("gymnasium.md", 5)])
 def test_examples_run(page: str, count: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("gymnasium" if page == "gymnasium.md" else "xarray")
+    pytest.importorskip("stable_baselines3" if page == "gymnasium.md" else "xarray")
     monkeypatch.chdir(ROOT)
     found = examples(page)
     assert len(found) == count
