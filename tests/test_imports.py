@@ -38,6 +38,8 @@ ONLY_IN = {
     "onnx": ("execution/",),
     "onnxruntime": ("execution/",),
     "rerun": ("viz/recording",),
+    "trimesh": ("viz/play/",),
+    "viser": ("viz/play/",),
     "torch": ("learning/", "seeding.py"),
     "mujoco": ("robots/", "simulation/", "tasks/", "viz/"),
     "franky": ("execution/drivers/franka.py",),
@@ -95,7 +97,7 @@ def test_help_loads_nothing_heavy(words: tuple[str, ...]) -> None:
         "from skillcli.cli.app import main\n"
         "try: main()\n"
         "except SystemExit as leaving: assert not leaving.code\n"
-        "heavy = {'torch', 'mujoco', 'h5py', 'rerun', 'matplotlib', 'scipy', 'numpy', 'onnx'} & set(sys.modules)\n"
+        "heavy = {'torch', 'mujoco', 'h5py', 'rerun', 'matplotlib', 'scipy', 'numpy', 'onnx', 'viser'} & set(sys.modules)\n"
         "sys.exit(f'loaded {heavy}' if heavy else 0)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)

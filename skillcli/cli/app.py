@@ -13,7 +13,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from skillcli import __version__
-from skillcli.cli import execute, identify, inspect, report, robots, stages, store_admin, store_view, trouble, typed
+from skillcli.cli import execute, identify, inspect, play, report, robots, stages, store_admin, store_view, trouble, typed
 from skillcli.cli.session import Session
 from skillcli.errors import SkillError
 from skillcli.plaintext import line
@@ -60,6 +60,7 @@ stages.register(app)
 execute.register(app)
 identify.register(app)
 inspect.register(app)
+play.register(app)
 robots.register(app)
 report.register(app)
 store_view.register(app)

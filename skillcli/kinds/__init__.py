@@ -9,6 +9,7 @@ from skillcli.errors import StoreError
 from skillcli.kinds.compose import COMPOSE
 from skillcli.kinds.embed_means import EMBED_MEANS
 from skillcli.kinds.execution import EXECUTION
+from skillcli.kinds.play import PLAY
 from skillcli.kinds.pretrain import PRETRAIN
 from skillcli.kinds.spec import KindSpec
 from skillcli.kinds.transfer_eval import TRANSFER_EVAL
@@ -18,6 +19,7 @@ __all__ = [
     "EMBED_MEANS",
     "EXECUTION",
     "KINDS",
+    "PLAY",
     "PRETRAIN",
     "TRANSFER_EVAL",
     "AnyKind",
@@ -29,7 +31,7 @@ __all__ = [
 AnyKind = KindSpec[Any, Any]
 T = TypeVar("T")
 
-KINDS: dict[str, AnyKind] = {spec.name: spec for spec in (PRETRAIN, EMBED_MEANS, COMPOSE, TRANSFER_EVAL, EXECUTION)}
+KINDS: dict[str, AnyKind] = {spec.name: spec for spec in (PRETRAIN, EMBED_MEANS, COMPOSE, TRANSFER_EVAL, EXECUTION, PLAY)}
 """By name, in the order of a chain."""
 
 
