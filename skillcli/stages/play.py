@@ -5,11 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from skillcli import metrics
+from skillcli.composition.sequence import written
 from skillcli.evaluation.library import Library
 from skillcli.kinds import PLAY
 from skillcli.kinds.play import PlayedRobot, PlayMeasured, PlayResults
 from skillcli.store import Artifact, ArtifactId, Draft, Store
 from skillcli.viz.play.take import Take
+
+
+def plan_of(artifact: Artifact, names: tuple[str, ...], period: float) -> str:
+    """Return what was played as a plan for `compose --method sequence`; `names` are those of the skills, `period` is in s."""
+    length = int(artifact.arrays["trajectories/length"][0])
+    latent, skill = (artifact.arrays[f"trajectories/{name}"][0, :length] for name in ("latent", "skill"))
+    return written(latent, skill, names, period)
 
 
 def store_take(

@@ -18,6 +18,7 @@ from skillcli.viz.play.planning import methods
 from skillcli.viz.play.session import PlaySession, Status
 
 SLIDER_STEPS = 200
+SHORT, MANY = 6, 4  # letters of a name, and how many such names stand in one row
 
 
 class Controls:
@@ -78,9 +79,15 @@ class Controls:
             self._session.stop_recording()
 
     def _add_skills(self) -> None:
-        for skill, name in enumerate(self._session.library.names):
-            button = self._gui.add_button(f"skill {line(name)}" if name.isdecimal() else line(name))
-            self._on_click(button, partial(self._session.hold_skill, skill))
+        names = [line(name) for name in self._session.library.names]
+        in_row = MANY if max(map(len, names)) <= SHORT else 1
+        for first in range(0, len(names), in_row):
+            row = names[first : first + in_row]
+            group = self._gui.add_button_group("" if first else "hold", row)
+            self._on_click(group, partial(self._hold, group, {name: first + place for place, name in enumerate(row)}))
+
+    def _hold(self, group: Any, skills: dict[str, int]) -> None:
+        self._session.hold_skill(skills[group.value])
 
     def _latent_slider(self, dimension: int) -> viser.GuiSliderHandle[float]:
         low, high = (float(end) for end in self._session.bounds[:, dimension])

@@ -61,6 +61,7 @@ def serve(
         server = _Local(host=LOOPBACK, port=chosen, label=line(title), verbose=False)
     try:
         server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
+        server.gui.main_panel.dock_right()
         ends, latents = map_places or (np.zeros((0, 3)), np.zeros((0, session.bounds.shape[1])))
         view = View(server, session, ends, latents)
         pad = Pad(server, session, view, latents) if session.bounds.shape[1] > 1 else None

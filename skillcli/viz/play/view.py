@@ -95,7 +95,8 @@ class View:
             for place, part in enumerate(parts):
                 red, green, blue, alpha = (float(value) for value in part.rgba)
                 scene.add_mesh_simple(
-                    f"{name}/{place}", part.vertices, part.faces, color=(red, green, blue), opacity=None if alpha == 1 else alpha,
+                    f"{name}/{place}", part.vertices, part.faces, color=(red, green, blue),
+                    opacity=None if alpha == 1 else alpha,
                     flat_shading=False, side="double", cast_shadow=False, receive_shadow=False,
                 )  # fmt: skip
 
