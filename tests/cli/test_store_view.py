@@ -21,7 +21,9 @@ GOLDEN = Path(__file__).parent.parent / "store" / "golden"
 @pytest.fixture
 def store(tmp_path: Path) -> Path:
     """A store with tiny/pretrain-v1 … tiny/transfer-eval-v1 and two artifacts of an older schema."""
-    return shutil.copytree(GOLDEN, tmp_path / "artifacts", ignore=shutil.ignore_patterns("execution-*"))  # not of the chain
+    return shutil.copytree(
+        GOLDEN, tmp_path / "artifacts", ignore=shutil.ignore_patterns("execution-*", "play-*")
+    )  # not of the chain
 
 
 def listed(store: Path, *words: str) -> list[str]:

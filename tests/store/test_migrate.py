@@ -25,6 +25,7 @@ PRESENT = {
     "tiny/compose-v1": "e44e8f970b822205",
     "tiny/transfer-eval-v1": "4efbea0fef37fe4c",
     "tiny/execution-v1": "3b80d2a030c15f09",
+    "tiny/play-v1": "b4b051a8564a1456",
 }
 OLDER = ("reference-point/embed-means-v1", "reference-point/compose-v1")
 

@@ -16,7 +16,7 @@ from skillcli.viz.play.session import PlaySession
 from skillcli.viz.play.view import View, map_colors
 
 BOARD = (236, 239, 241)
-SIZE = 0.42  # of the extent of the scene
+SIZE = 0.5  # of the extent of the scene
 ARC = 48  # corners of an ellipse
 
 

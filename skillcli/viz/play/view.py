@@ -51,7 +51,7 @@ class View:
 
     def look_from(self, further: Array) -> Viewpoint:
         """Let browsers look first at everything and at further points (n, 3) m; returns from where."""
-        seen = viewpoint(np.concatenate([self.points, further]), self.flat, 1.15)
+        seen = viewpoint(np.concatenate([self.points, further]), self.flat, 0.8)
         camera = self._server.initial_camera
         camera.position, camera.look_at, camera.up = tuple(seen.position), tuple(seen.target), seen.up
         return seen
