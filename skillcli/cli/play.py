@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from skillcli.cli import complete
+from skillcli.cli import complete, typed
 from skillcli.cli.session import Session
 from skillcli.cli.stages import MADE_FROM, Name, Seed, checked
 from skillcli.errors import SkillError
+from skillcli.plaintext import line
 
 if TYPE_CHECKING:
     from skillcli.store import Artifact
@@ -81,8 +82,14 @@ def _told(session: Session, stored: list[Future[Artifact]]) -> None:
     Raises:
         StoreError: a take could not be stored.
     """
-    ids = [str(future.result().id) for future in stored if future.exception() is None]
-    if not session.quiet:
-        session.err.print(f"recorded: {', '.join(ids)}; `skill viz ID` shows one" if ids else "nothing was recorded")
+    from skillcli.cli.tables import table_of
+
+    written = [future.result() for future in stored if future.exception() is None]
+    if not session.json:
+        for artifact in written:
+            session.err.print(table_of(artifact))
+    ids = [str(artifact.id) for artifact in written]
+    said = f"recorded: {', '.join(ids)}; `skill viz {ids[-1]} --open` shows it" if ids else "nothing was recorded"
+    session.err.print(line(typed.runnable(said)), soft_wrap=True)
     for future in stored:
         future.result()

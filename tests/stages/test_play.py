@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 from command import made, skill
+from rich.console import Console
 
+from skillcli.cli.tables import table_of
 from skillcli.evaluation.consistency import check_meaning
 from skillcli.evaluation.library import open_library
 from skillcli.kinds import PLAY
@@ -64,8 +67,11 @@ def test_it_is_checked_like_every_artifact(store: Path, play: Artifact) -> None:
 
 
 def test_it_is_shown_and_drawn(store: Path, play: Artifact, tmp_path: Path) -> None:
-    shown = skill("--store", store, "show", str(play.id))
-    assert shown.code == 0 and "by hand" in shown.out, shown.err
+    assert skill("--store", store, "show", str(play.id)).code == 0
+    console = Console(width=120, record=True, file=io.StringIO())
+    console.print(table_of(play))
+    said = console.export_text()
+    assert "reference-reach/embed-means-v1, by hand" in said and "reached" in said and "1.50 s" in said
     drawn = made("--store", store, "viz", str(play.id), "-o", tmp_path / "a.rrd", "--png", tmp_path / "a.png")
     assert any("world/model" in entity for entity in drawn["entities"]) and (tmp_path / "a.png").stat().st_size > 20_000
     assert any(entity.endswith("world/waypoints/centers") for entity in drawn["entities"])

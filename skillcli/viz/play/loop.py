@@ -34,16 +34,14 @@ def run(session: PlaySession, draw: Callable[[Pose], None], stop: Callable[[], b
     Args:
         session: its control period may change with its robot.
         draw: called with every frame; must not block.
-        stop: asked before every frame.
+        stop: asked before every control step.
         rate: is kept up to date.
     """
     due = time.monotonic()
-    while True:
+    while not stop():
         frames = max(1, math.ceil(session.period * FRAMES))
         session.step()
         for frame in range(frames):
-            if stop():
-                return
             draw(session.pose((frame + 1) / frames))
             rate.ends.append(time.monotonic())
             due += session.period / frames

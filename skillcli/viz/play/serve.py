@@ -50,7 +50,7 @@ def serve(
         port: to listen on; None for the first free one.
         map_places: where the map's latents end (P, 3) m, and those latents (P, d); None without a map.
         ready: called with the address as soon as it answers.
-        stop: asked before every frame.
+        stop: asked before every control step.
         rate: is kept up to date.
 
     Raises:
