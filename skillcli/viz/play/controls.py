@@ -126,15 +126,17 @@ class Controls:
             self._on_update(slider, partial(session.set_knob, knob.name))
 
     def _on_click(self, button: Any, act: Callable[[], Any]) -> None:
-        @button.on_click
-        def _(_: object) -> None:
+        def clicked(_: object) -> None:
             self._try(act)
 
+        button.on_click(clicked)
+
     def _on_update(self, handle: Any, act: Callable[[Any], Any]) -> None:
-        @handle.on_update
-        def _(event: viser.GuiEvent[Any]) -> None:
+        def updated(event: viser.GuiEvent[Any]) -> None:
             if event.client is not None:  # else it was set here
                 self._try(lambda: act(event.target.value))
+
+        handle.on_update(updated)
 
     def _try(self, act: Callable[[], Any]) -> None:
         """Do something; what goes wrong is shown to everybody."""

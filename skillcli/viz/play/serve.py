@@ -57,7 +57,7 @@ def serve(
         SkillError: the port is taken.
     """
     chosen = _free_port(port)
-    with contextlib.redirect_stdout(io.StringIO()):  # it prints its address, which is for us to do
+    with _silent():
         server = _Local(host=LOOPBACK, port=chosen, label=line(title), verbose=False)
     try:
         server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
@@ -83,7 +83,13 @@ def serve(
         loop.run(session, draw, stop, rate)
     finally:
         session.close()
-        server.stop()
+        with _silent():
+            server.stop()
+
+
+def _silent() -> contextlib.AbstractContextManager[object]:
+    """Keep what viser prints off stdout, which is for results."""
+    return contextlib.redirect_stdout(io.StringIO())
 
 
 def _free_port(port: int | None) -> int:

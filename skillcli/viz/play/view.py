@@ -110,13 +110,15 @@ class View:
                 frame.wxyz = tuple(np.roll(quaternions[0, body], 1))
 
     def _spread(self) -> Array:
-        """Return the points that must be visible, (n, 3) m."""
+        """Return the points that must be visible, (n, 3) m: the arm, the goals, and what goes to them."""
         pose, goals = self._session.pose(), self._session.library.goals
         base = np.zeros((1, 3))
         if self._model is not None and pose.joint_position is not None and self._world is not None:
             box = None if pose.object_pose is None else pose.object_pose[None]
             joints = self._world.robot.names.joints
-            base = kinematics.body_poses(self._model, joints, pose.joint_position[None], box)[0][0, 1:]
+            positions = kinematics.body_poses(self._model, joints, pose.joint_position[None], box)[0][0]
+            arm = [body for body in range(1, self._model.nbody) if kinematics.of_arm(self._model, joints, body)]
+            base = positions[arm]
         return np.concatenate([goals, pose.achieved_goal[None], base])
 
     def _add_goals(self, map_ends: Array, map_latents: Array) -> None:

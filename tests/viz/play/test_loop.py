@@ -106,8 +106,8 @@ def test_lost_and_slow_browsers_keep_nobody_waiting(reach: Library) -> None:
                 received += len(live.recv(timeout=0.5))
         assert session.status().seconds >= seconds + 0.5 and rate.ends[-1] > frames
         assert received > 1000, "the live one gets what moves"
-        slow.close()
-        live.close()
+        slow.socket.close()
+        live.socket.close()
     assert not session.step(), "closed with its server"
 
 
