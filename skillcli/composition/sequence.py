@@ -64,9 +64,18 @@ class Entry:
         return target
 
     def segment(self, means: Array, period: float) -> Segment:
-        """Convert to a segment, with the means of the skills (K, d) and control steps of `period` s."""
+        """Convert to a segment, with the means of the skills (K, d) and control steps of `period` s.
+
+        Raises:
+            UsageError: its latent has another size than the means.
+        """
         steps = max(1, round(self.seconds / period))
         if self.latent:
+            if len(self.latent) != means.shape[1]:
+                raise UsageError(
+                    f"plan entry {self.text!r}: a latent of this library has {means.shape[1]} numbers, got {len(self.latent)}",
+                    "separate them by semicolons: [Z1;Z2;…]",
+                )
             return Segment(np.array(self.latent), -1, self.text, steps)
         if self.b is None:
             return Segment(means[self.a], self.a, self.text, steps)

@@ -60,7 +60,8 @@ def served(session: PlaySession, rate: loop.Rate) -> Iterator[str]:
 
     def work() -> None:
         try:
-            serve(session, "test", None, None, told, stop.is_set, rate)
+            map_places = session.library.goals, session.library.mean  # as of a library with a map
+            serve(session, "test", None, map_places, told, stop.is_set, rate)
         except BaseException as error:
             failed.append(error)
             ready.set()
