@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_loop import eventually, served
+from test_play_loop import eventually, served
 
 from skillcli.evaluation.library import Library
 from skillcli.viz.play import loop
