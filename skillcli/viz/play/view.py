@@ -63,11 +63,11 @@ class View:
             self._drawn = None
         if pose is self._drawn:
             return
-        self._drawn = pose
+        first, self._drawn = self._drawn is None, pose
         with self._server.atomic():
             self._now.position = tuple(pose.achieved_goal)
             if self._model is not None and pose.joint_position is not None:
-                self._draw_bodies(self._model, pose)
+                self._draw_bodies(self._model, pose, first)
 
     def refresh(self) -> None:
         """Show what changes rarely: colour of the held latent, the goal moved elsewhere."""
@@ -100,12 +100,13 @@ class View:
                     flat_shading=False, side="double", cast_shadow=False, receive_shadow=False,
                 )  # fmt: skip
 
-    def _draw_bodies(self, model: mujoco.MjModel, pose: Pose) -> None:
+    def _draw_bodies(self, model: mujoco.MjModel, pose: Pose, first: bool) -> None:
+        """Put the bodies where they are; those that never move only the first time."""
         assert pose.joint_position is not None and self._world is not None
         box = None if pose.object_pose is None else pose.object_pose[None]
         positions, quaternions = kinematics.body_poses(model, self._world.robot.names.joints, pose.joint_position[None], box)
         for body, frame in self._bodies.items():
-            if kinematics.moves(model, body) or not frame.visible or not np.any(frame.position):
+            if first or kinematics.moves(model, body):
                 frame.position = tuple(positions[0, body])
                 frame.wxyz = tuple(np.roll(quaternions[0, body], 1))
 

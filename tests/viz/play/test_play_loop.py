@@ -6,6 +6,7 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -110,6 +111,23 @@ def test_lost_and_slow_browsers_keep_nobody_waiting(reach: Library) -> None:
         slow.socket.close()
         live.socket.close()
     assert not session.step(), "closed with its server"
+
+
+def test_another_robot_takes_the_place_of_the_first_in_the_scene(reach: Library, tmp_path: Path) -> None:
+    bundled = reach.world.robot.path
+    file = tmp_path / "other.toml"
+    file.write_text(bundled.read_text().replace('model = "', f'model = "{bundled.parent}/', 1))
+    session, rate = PlaySession(reach), loop.Rate()
+    with served(session, rate) as url:
+        session.set_robot(str(file))
+        drawn = rate.ends[-1] if rate.ends else 0.0
+        assert eventually(lambda: len(rate.ends) > 0 and rate.ends[-1] > drawn + 0.2)
+        session.hold_skill(2)
+        with connected(url) as browser:  # a late one is told of everything that is there now
+            assert len(browser.recv(timeout=30)) > 0
+            assert eventually(lambda: session.status().seconds > 0.2)
+            browser.socket.close()
+    assert session.world.robot.name == "other"
 
 
 def test_a_port_that_is_taken_is_named(point: Library) -> None:
