@@ -15,7 +15,8 @@ from skillcli.robots.config import bundled_robots, describe_robot
 from skillcli.robots.robot import load_target
 from skillcli.viz.play.loop import Rate
 from skillcli.viz.play.planning import methods
-from skillcli.viz.play.session import PlaySession, Status
+from skillcli.viz.play.session import PlaySession
+from skillcli.viz.play.state import Status
 
 SLIDER_STEPS = 200
 SHORT, MANY = 6, 4  # letters of a name, and how many such names stand in one row

@@ -8,7 +8,8 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from skillcli.viz.play.session import PlaySession, Pose
+from skillcli.viz.play.session import PlaySession
+from skillcli.viz.play.state import Pose
 
 FRAMES = 40.0  # frames/s at least
 WINDOW = 100  # frames over which the rate is measured

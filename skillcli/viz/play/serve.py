@@ -17,7 +17,8 @@ from skillcli.trajectories import Array
 from skillcli.viz.play import loop
 from skillcli.viz.play.controls import Controls
 from skillcli.viz.play.pad import Pad
-from skillcli.viz.play.session import PlaySession, Pose
+from skillcli.viz.play.session import PlaySession
+from skillcli.viz.play.state import Pose
 from skillcli.viz.play.view import View
 
 LOOPBACK = "127.0.0.1"

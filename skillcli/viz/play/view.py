@@ -10,8 +10,9 @@ from skillcli.tasks.world import World
 from skillcli.trajectories import Array
 from skillcli.viz import kinematics
 from skillcli.viz.palette import TARGET, latent_look, look, rgba
-from skillcli.viz.play.session import PlaySession, Pose
+from skillcli.viz.play.session import PlaySession
 from skillcli.viz.play.solids import solids
+from skillcli.viz.play.state import Pose
 from skillcli.viz.viewpoint import Viewpoint, viewpoint
 
 ROBOT = "/robot"

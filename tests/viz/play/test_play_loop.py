@@ -15,7 +15,8 @@ import pytest
 from skillcli.errors import SkillError
 from skillcli.evaluation.library import Library
 from skillcli.viz.play import loop
-from skillcli.viz.play.session import PlaySession, Pose
+from skillcli.viz.play.session import PlaySession
+from skillcli.viz.play.state import Pose
 
 pytestmark = pytest.mark.slow  # in real time
 

@@ -13,7 +13,9 @@ from skillcli.composition.sequence import parse, written
 from skillcli.errors import UsageError
 from skillcli.evaluation.held import rollout_held
 from skillcli.evaluation.library import Library
-from skillcli.viz.play.session import PlaySession, Pose, between
+from skillcli.viz.play.planning import methods
+from skillcli.viz.play.session import PlaySession
+from skillcli.viz.play.state import Pose, between
 from skillcli.viz.play.take import Take
 
 
@@ -112,6 +114,20 @@ def test_a_plan_begins_where_the_arm_is_and_meets_a_goal_elsewhere(reach: Librar
         if not session.step():
             break
     assert session.status().success and session.status().distance < 0.03, session.status()
+
+
+@pytest.mark.slow  # two of them train
+@pytest.mark.parametrize("method", methods())
+def test_every_method_that_takes_goals_plans(point: Library, method: str) -> None:
+    session = PlaySession(point)
+    session.hold_skill(0)
+    run(session, 5)
+    session.set_goal(np.array([0.5, 0.6, 9.0]))
+    assert session.goal.tolist() == [0.5, 0.6, 0.0], "the height does not count"
+    session.plan(method)
+    while session.step():
+        pass
+    assert session.status().success, session.status()
 
 
 def test_whatever_is_held_meanwhile_drops_the_plan(reach: Library) -> None:
