@@ -40,6 +40,8 @@ ONLY_IN = {
     "onnx": ("execution/",),
     "onnxruntime": ("execution/",),
     "rerun": ("viz/recording",),
+    "trimesh": ("viz/play/",),
+    "viser": ("viz/play/",),
     "torch": ("learning/", "seeding.py"),
     "mujoco": ("robots/", "simulation/", "tasks/", "viz/"),
     "paramiko": ("store/remote_fsspec.py",),
@@ -105,7 +107,7 @@ def test_help_loads_nothing_heavy(words: tuple[str, ...]) -> None:
         "try: main()\n"
         "except SystemExit as leaving: assert not leaving.code\n"
         "heavy = {'torch', 'mujoco', 'h5py', 'rerun', 'matplotlib', 'scipy', 'numpy', 'onnx', 'fsspec'}\n"
-        "heavy |= {'gymnasium', 'xarray', 'ray', 'optuna'}\n"
+        "heavy |= {'gymnasium', 'xarray', 'ray', 'optuna', 'viser'}\n"
         "heavy &= set(sys.modules)\n"
         "sys.exit(f'loaded {heavy}' if heavy else 0)"
     )

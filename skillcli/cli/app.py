@@ -18,6 +18,7 @@ from skillcli.cli import (
     execute,
     identify,
     inspect,
+    play,
     remote,
     report,
     robots,
@@ -76,6 +77,7 @@ compare_runs.register(app)
 execute.register(app)
 identify.register(app)
 inspect.register(app)
+play.register(app)
 robots.register(app)
 report.register(app)
 store_view.register(app)

@@ -12,6 +12,7 @@ import typer
 
 from skillcli.cli import complete, progress_view, typed
 from skillcli.cli.methods import OWN, ByMethod, option
+from skillcli.cli.played import played_plans
 from skillcli.cli.session import Session
 from skillcli.composition.registry import DEFAULT, METHODS, method_spec
 from skillcli.errors import Interrupted, UsageError
@@ -130,12 +131,13 @@ def compose(
     session: Session = context.obj
     goals = [_numbers(text) for text in goal or ()]
     spec = method_spec(method)
-    chosen = spec.overrides(context.meta[OWN]) + ([] if ensemble is None else [f"compose.ensemble={ensemble}"])
-    if on and ensemble:
-        raise UsageError("--on plans on one target, --ensemble on several robots", "leave one of them out")
     from skillcli.kinds import COMPOSE
 
     found = session.pick(source, *COMPOSE.made_from)
+    context.meta[OWN] |= played_plans(session, found, spec, context.meta[OWN])
+    chosen = spec.overrides(context.meta[OWN]) + ([] if ensemble is None else [f"compose.ensemble={ensemble}"])
+    if on and ensemble:
+        raise UsageError("--on plans on one target, --ensemble on several robots", "leave one of them out")
     from skillcli.cli.tables import where
     from skillcli.evaluation.consistency import stored_recipe
     from skillcli.stages.compose import Request

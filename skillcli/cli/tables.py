@@ -11,7 +11,7 @@ from rich.text import Text
 
 from skillcli.cli import sweep_view
 from skillcli.composition.registry import replanning
-from skillcli.kinds import COMPOSE, EMBED_MEANS, EXECUTION, PRETRAIN, SWEEP, TRANSFER_EVAL, ByKind, kind_spec
+from skillcli.kinds import COMPOSE, EMBED_MEANS, EXECUTION, PLAY, PRETRAIN, SWEEP, TRANSFER_EVAL, ByKind, kind_spec
 from skillcli.kinds.compose import Violation
 from skillcli.kinds.embed_means import Halfway
 from skillcli.kinds.outcome import Outcome
@@ -263,6 +263,18 @@ def execution(artifact: Artifact) -> Group:
         said.append(f"stopped in episode {stop.episode + 1} after {stop.seconds:.2f} s, {stop.reason}: {stop.message}")
     parts = ["\n".join(said)] if said else []
     return Group(_title(artifact, f": {artifact.parents[0].id} by the driver {found.driver}"), table, *parts)
+
+
+@TABLES.register(PLAY)
+def play(artifact: Artifact) -> Group:
+    """Tell what was played by hand."""
+    found = PLAY.results_of(artifact)
+    table = _table("robot", "goal", "final distance", "lasts")
+    reached = "failed" if found.failed else "reached" if found.success else "not reached"
+    table.add_row(found.robot.name, reached, _centimetres(found.final_distance_m), f"{found.seconds:.2f} s")
+    violated = ", ".join(f"{limit} in {count} control steps" for limit, count in found.violations.items())
+    parts = [f"safety limits violated: {violated}"] if violated else []
+    return Group(_title(artifact, f": {artifact.parents[0].id}, by hand"), table, *parts)
 
 
 TABLES.register(SWEEP)(sweep_view.table)

@@ -34,6 +34,7 @@ class Option:
     metavar: str
     type: type = str  # or int, or float
     read: Callable[[Any], Any] = lambda given: given  # converts to the value of the key; raises UsageError
+    stored: str = ""  # kind of artifact whose id is taken too, for the plan that was played in it; "" for none
     overrides: Callable[[Any], Sequence[str]] | None = None  # returns KEY=VALUE settings to use instead; raises UsageError
 
 

@@ -1,8 +1,9 @@
 """Plans written by hand: `3,4,8,7`, with durations and blends `3:1.0,3~4:1.0,4:1.0`, or latents between `3~4@0.25:0.5`.
 
-An entry is a skill `A`; a blend `A~B` from the mean of A to the mean of B; or `A~B@λ`, which holds the latent
-(1-λ) z_a + λ z_b. A duration in seconds may follow after a colon. Commas, spaces or lines separate entries; a `#` begins a
-comment. A skill is given by its name or its number, counted from 1.
+An entry is a skill `A`; a blend `A~B` from the mean of A to the mean of B; `A~B@λ`, which holds the latent
+(1-λ) z_a + λ z_b; or any latent in brackets, `[0.3;-1.2]`: `written` writes plays so. A duration in seconds may follow after a
+colon. Commas, spaces or lines separate entries; a `#` begins a comment. A skill is given by its name or its number, counted
+from 1.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -27,9 +29,11 @@ from skillcli.composition.method import (
 from skillcli.composition.plan import Segment
 from skillcli.config.base import value
 from skillcli.errors import UsageError
+from skillcli.kinds import PLAY
 from skillcli.trajectories import Array
 
 LONGEST, LONGEST_PLAN = 600.0, 3600.0  # s, the longest entry and the longest plan
+_LATENT = re.compile(r"\[(?P<latent>[^\[\]]*)\](?::(?P<seconds>[^~@:]+))?")
 _ENTRY = re.compile(r"(?P<a>[^~@:]+)(?:~(?P<b>[^~@:]+)(?:@(?P<share>[^~@:]+))?)?(?::(?P<seconds>[^~@:]+))?")
 
 
@@ -45,10 +49,11 @@ class Entry:
     """One entry of a plan."""
 
     text: str  # entry without its duration
-    a: int  # index of the skill
+    a: int  # index of the skill, -1 for a latent
     b: int | None  # index of the skill at the end of the blend, None for the mean of `a` alone
     share: float | None  # λ, held; None for a blend from 0 to 1
     seconds: float
+    latent: tuple[float, ...] = ()  # of an entry that names no skill
 
     def target(self, goals: Array) -> Array:
         """Return the goal of this entry, (3,) m, from the goals of the skills (K, 3) m."""
@@ -59,8 +64,19 @@ class Entry:
         return target
 
     def segment(self, means: Array, period: float) -> Segment:
-        """Convert to a segment, with the means of the skills (K, d) and control steps of `period` s."""
+        """Convert to a segment, with the means of the skills (K, d) and control steps of `period` s.
+
+        Raises:
+            UsageError: its latent has another size than the means.
+        """
         steps = max(1, round(self.seconds / period))
+        if self.latent:
+            if len(self.latent) != means.shape[1]:
+                raise UsageError(
+                    f"plan entry {self.text!r}: a latent of this library has {means.shape[1]} numbers, got {len(self.latent)}",
+                    "separate them by semicolons: [Z1;Z2;…]",
+                )
+            return Segment(np.array(self.latent), -1, self.text, steps)
         if self.b is None:
             return Segment(means[self.a], self.a, self.text, steps)
         if self.share is None:
@@ -78,12 +94,12 @@ def parse(text: str, names: Sequence[str], seconds: float) -> list[Entry]:
         seconds: duration of an entry without one.
 
     Raises:
-        UsageError: the text is empty, names an unknown skill, or has an invalid share or duration.
+        UsageError: the text is empty, names an unknown skill, or has an invalid share, latent or duration.
     """
     words = re.sub(r"#.*", "", text).replace(",", " ").split()
     if not words:
         raise UsageError("the plan is empty", "for example --plan 3,4,8,7 or 3:1.0,3~4:1.0,4:1.0")
-    entries = [_entry(word, names, seconds) for word in words]
+    entries = [_latent(word, seconds) if word.startswith("[") else _entry(word, names, seconds) for word in words]
     if sum(entry.seconds for entry in entries) > LONGEST_PLAN:
         raise UsageError(f"the plan lasts longer than {LONGEST_PLAN:g} s", "shorten it")
     return entries
@@ -104,18 +120,23 @@ def skill_index(text: str, names: Sequence[str]) -> int:
 
 
 def waypoints(entries: Sequence[Entry], goals: Array) -> list[Array]:
-    """Return the goals of the held entries, (3,) m each; of the last blend's end if the plan only blends."""
-    held = [entry.target(goals) for entry in entries if entry.b is None or entry.share is not None]
-    return held or [entries[-1].target(goals)]
+    """Return the goals of the held entries, (3,) m each; of the last blend's end if the plan only blends.
+
+    Raises:
+        UsageError: the plan names no skill, so it has no goal of its own.
+    """
+    named = [entry for entry in entries if not entry.latent]
+    if not named:
+        raise UsageError("the plan holds latents only, which have no goals of their own", "say by --goal where it should end")
+    held = [entry.target(goals) for entry in named if entry.b is None or entry.share is not None]
+    return held or [named[-1].target(goals)]
 
 
 def _entry(word: str, names: Sequence[str], seconds: float) -> Entry:
     found = _ENTRY.fullmatch(word)
     if not found:
         raise UsageError(f"plan entry {word!r} cannot be read", "SKILL, A~B or A~B@SHARE, then :SECONDS where wanted")
-    lasts = seconds if found["seconds"] is None else _number(found["seconds"], word)
-    if not 0 < lasts <= LONGEST:
-        raise UsageError(f"plan entry {word!r} must last between 0 and {LONGEST:g} seconds, got {lasts:g}", "SKILL:SECONDS")
+    lasts = _seconds(found["seconds"], word, seconds)
     share = None if found["share"] is None else _number(found["share"], word)
     if share is not None and not 0 <= share <= 1:
         raise UsageError(
@@ -123,6 +144,34 @@ def _entry(word: str, names: Sequence[str], seconds: float) -> Entry:
         )
     second = None if found["b"] is None else skill_index(found["b"], names)
     return Entry(word.partition(":")[0], skill_index(found["a"], names), second, share, lasts)
+
+
+def _latent(word: str, seconds: float) -> Entry:
+    found = _LATENT.fullmatch(word)
+    if not found:
+        raise UsageError(f"plan entry {word!r} cannot be read", "a latent is written [Z1;Z2;…], then :SECONDS where wanted")
+    latent = tuple(_number(part, word) for part in found["latent"].split(";"))
+    return Entry(word.partition("]")[0] + "]", -1, None, None, _seconds(found["seconds"], word, seconds), latent)
+
+
+def _seconds(text: str | None, word: str, usual: float) -> float:
+    lasts = usual if text is None else _number(text, word)
+    if not 0 < lasts <= LONGEST:
+        raise UsageError(f"plan entry {word!r} must last between 0 and {LONGEST:g} seconds, got {lasts:g}", "SKILL:SECONDS")
+    return lasts
+
+
+def written(latent: Array, skill: Array, names: Sequence[str], period: float) -> str:
+    """Write the latents (T, d) and skills (T,) of control steps of `period` s as a plan that repeats them."""
+    changed = (np.diff(skill) != 0) | ((skill[1:] < 0) & (np.diff(latent, axis=0) != 0).any(axis=1))
+    cuts = [0, *(np.flatnonzero(changed) + 1).tolist(), len(skill)]
+    entries = []
+    for start, stop in pairwise(cuts):
+        index = int(skill[start])
+        named = names[index] if index >= 0 and not re.search(r"[~@:,\s\[#]", names[index]) else ""
+        held = named or "[" + ";".join(f"{value:.9g}" for value in latent[start]) + "]"
+        entries.append(f"{held}:{(stop - start) * period:.9g}")
+    return ",".join(entries)
 
 
 def _number(text: str, word: str) -> float:
@@ -182,7 +231,13 @@ METHOD = MethodSpec(
     plan=plan,
     hint="give its entries more time, or let --method search find a plan",
     options=(
-        Option("plan", "The plan, such as 3,4,8,7 or 3:1.0,3~4:1.0,3~4@0.25:0.5, or a file.", "PLAN", read=plan_text),
+        Option(
+            "plan",
+            "The plan, such as 3,4,8,7 or 3:1.0,3~4:1.0,3~4@0.25:0.5 or [0.3;-1.2]:0.5, a file, or the id of a play.",
+            "PLAN",
+            read=plan_text,
+            stored=PLAY.name,
+        ),
         Option("seconds", "Duration of an entry that names none, 1 s by default.", "SECONDS", float),
     ),
     write=write,

@@ -9,6 +9,7 @@ from skillcli.errors import StoreError
 from skillcli.kinds.compose import COMPOSE
 from skillcli.kinds.embed_means import EMBED_MEANS
 from skillcli.kinds.execution import EXECUTION
+from skillcli.kinds.play import PLAY
 from skillcli.kinds.pretrain import PRETRAIN
 from skillcli.kinds.spec import KindSpec
 from skillcli.kinds.sweep import SWEEP
@@ -19,6 +20,7 @@ __all__ = [
     "EMBED_MEANS",
     "EXECUTION",
     "KINDS",
+    "PLAY",
     "PRETRAIN",
     "SWEEP",
     "TRANSFER_EVAL",
@@ -31,7 +33,9 @@ __all__ = [
 AnyKind = KindSpec[Any, Any]
 T = TypeVar("T")
 
-KINDS: dict[str, AnyKind] = {spec.name: spec for spec in (PRETRAIN, EMBED_MEANS, COMPOSE, TRANSFER_EVAL, EXECUTION, SWEEP)}
+KINDS: dict[str, AnyKind] = {
+    spec.name: spec for spec in (PRETRAIN, EMBED_MEANS, COMPOSE, TRANSFER_EVAL, EXECUTION, PLAY, SWEEP)
+}
 """By name, in the order of a chain."""
 
 

@@ -20,7 +20,7 @@ from matplotlib.lines import Line2D
 
 from skillcli.errors import UsageError
 from skillcli.files import replacing
-from skillcli.kinds import COMPOSE, EMBED_MEANS, EXECUTION, PRETRAIN, TRANSFER_EVAL, ByKind
+from skillcli.kinds import COMPOSE, EMBED_MEANS, EXECUTION, PLAY, PRETRAIN, TRANSFER_EVAL, ByKind
 from skillcli.robots.robot import Robot
 from skillcli.trajectories import Array
 from skillcli.viz import motion, subplots_space, subplots_time, subplots_transfer
@@ -119,7 +119,7 @@ def _learned(figure: Figure, scene: Scene) -> None:
     _skill_legend(figure, scene, range(len(scene.skills)))
 
 
-@FIGURES.register(COMPOSE)
+@FIGURES.register(COMPOSE, PLAY)
 def _composed(figure: Figure, scene: Scene) -> None:
     """Draw a plan as executed: in space, in the latent space and over time."""
     figure.set_size_inches(10.5, 5.6)

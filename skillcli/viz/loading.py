@@ -10,7 +10,7 @@ import numpy as np
 
 from skillcli.errors import SkillError
 from skillcli.evaluation.library import Library, is_same_robot, kin, open_library
-from skillcli.kinds import COMPOSE, EMBED_MEANS, EXECUTION, PRETRAIN, TRANSFER_EVAL, ByKind, kind_spec
+from skillcli.kinds import COMPOSE, EMBED_MEANS, EXECUTION, PLAY, PRETRAIN, TRANSFER_EVAL, ByKind, kind_spec
 from skillcli.kinds.transfer_eval import TargetRobot
 from skillcli.robots.config import bundled_robots
 from skillcli.robots.robot import load_target
@@ -147,6 +147,18 @@ def _executed(store: Store, artifact: Artifact, library: Library) -> Shown:
         other_robot=other,
         world=_other_world(artifact, file, other, found.robot.fingerprint, library.world) if file else None,
         pace=found.max_speed,
+    )
+
+
+@SCENES.register(PLAY)
+def _played(_store: Store, artifact: Artifact, library: Library) -> Shown:
+    found, file = PLAY.results_of(artifact), PLAY.measured_of(artifact).robot_file
+    other = f"{found.robot.name}.toml" if file else ""
+    return Shown(
+        runs=Runs.PLANNED,
+        labels=(f"played on {found.robot.name}" if library.world.spec.uses_robot else "played",),
+        other_robot=other,
+        world=_other_world(artifact, file, other, found.robot.fingerprint, library.world) if file else None,
     )
 
 

@@ -23,7 +23,8 @@ GOLDEN = Path(__file__).parent.parent / "store" / "golden"
 @pytest.fixture
 def store(tmp_path: Path) -> Path:
     """A store with tiny/pretrain-v1 … tiny/transfer-eval-v1 and two artifacts of an older schema."""
-    return shutil.copytree(GOLDEN, tmp_path / "artifacts", ignore=shutil.ignore_patterns("execution-*", "sweep-*"))
+    not_of_the_chain = shutil.ignore_patterns("execution-*", "play-*", "sweep-*")
+    return shutil.copytree(GOLDEN, tmp_path / "artifacts", ignore=not_of_the_chain)
 
 
 def listed(store: Path, *words: str) -> list[str]:

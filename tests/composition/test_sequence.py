@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skillcli.composition.plan import schedule
-from skillcli.composition.sequence import parse, waypoints
+from skillcli.composition.sequence import parse, waypoints, written
 from skillcli.errors import UsageError
 
 NUMBERS = ("1", "2", "3")
@@ -41,6 +41,22 @@ def test_a_share_at_either_end_is_the_skill_itself() -> None:
     assert [found[1] for found in segments("1~2@0 1~2@1")] == [0, 1]
 
 
+def test_any_latent_stands_in_brackets() -> None:
+    assert segments("[1.5;-2e0]:0.5,2") == [("[1.5;-2e0]", -1, 2, [1.5, -2], [1.5, -2]), ("2", 1, 4, [4, 0], [4, 0])]
+    np.testing.assert_allclose(waypoints(parse("[1;2],2,[1;3]", NUMBERS, 1.0), GOALS), [[4, 0, 0]])
+    with pytest.raises(UsageError, match="holds latents only"):
+        waypoints(parse("[1;2]", NUMBERS, 1.0), GOALS)
+    with pytest.raises(UsageError, match="has 2 numbers, got 3"):
+        segments("[1;2;3]")
+
+
+def test_what_was_held_is_written_so_that_it_repeats() -> None:
+    latent = np.array([[4.0, 0], [4, 0], [0.1, 0.2], [0.1, 0.2], [0.3, 0.2], [0, 8]])
+    skill = np.array([1, 1, -1, -1, -1, 2])
+    assert written(latent, skill, NUMBERS, 0.25) == "2:0.5,[0.1;0.2]:0.5,[0.3;0.2]:0.25,3:0.25"
+    assert written(latent[:2], skill[:2], ("a b", "c d", "e"), 0.25) == "[4;0]:0.5", "names that would not be read back"
+
+
 def test_lines_and_remarks_may_stand_in_a_plan() -> None:
     assert [found[0] for found in segments("1:1.0  # first\n\n# then\n1~2:1.0, 2:1.0\n")] == ["1", "1~2", "2"]
 
@@ -52,6 +68,11 @@ def test_a_plan_leads_to_the_goals_of_what_it_holds() -> None:
 
 
 BAD = {
+    "[1;2": "cannot be read",
+    "[1;x]": "'x' is not a number",
+    "[]": "is not a number",
+    "[1;nan]": "is not a number",
+    "[1;2]:0": "must last",
     "": "empty",
     " , # nothing": "empty",
     "4": "no skill '4'",

@@ -26,6 +26,7 @@ PRESENT = {
     "tiny/transfer-eval-v1": "4efbea0fef37fe4c",
     "tiny/execution-v1": "3b80d2a030c15f09",
     "tiny/sweep-v1": "eb137cb15a9ef23c",
+    "tiny/play-v1": "b4b051a8564a1456",
 }
 OLDER = ("reference-point/embed-means-v1", "reference-point/compose-v1")
 

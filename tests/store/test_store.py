@@ -23,7 +23,7 @@ from tests.store.test_gc import with_parents
 Make = Callable[..., Draft]
 
 
-@pytest.mark.parametrize("kind", CHAIN)  # an execution: tests/stages/test_execution.py
+@pytest.mark.parametrize("kind", CHAIN)  # an execution: tests/stages/test_execution.py, a play: tests/stages/test_play.py
 def test_what_is_written_is_read_back(store: Store, make: Make, kind: str) -> None:
     draft = make(kind, command="skill café \udcff")
     written = store.write(draft)

@@ -7,11 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import rerun.blueprint as rrb
 
-from skillcli.kinds import COMPOSE, EMBED_MEANS, EXECUTION, PRETRAIN, TRANSFER_EVAL, ByKind
+from skillcli.kinds import COMPOSE, EMBED_MEANS, EXECUTION, PLAY, PRETRAIN, TRANSFER_EVAL, ByKind
 from skillcli.trajectories import Array
 from skillcli.viz import motion
 from skillcli.viz.recording.entities import curve_path, in_space, slug, spread
 from skillcli.viz.scene import Runs, Scene
+from skillcli.viz.viewpoint import viewpoint
 
 SERIES = ("distance", "latent", "reward", "success", "action_norm", "joint_speed", "violations")
 FIRST_CURVES = ("success", "final_distance", "return", "reward", "kl")
@@ -24,14 +25,12 @@ _UNITS = {"distance": "m", "action_norm": "rad per step", "joint_speed": "rad/s"
 
 def _eye(points: Array, flat: bool, back: float = 1.0) -> rrb.EyeControls3D:
     """Look at the points: from above if they lie in a plane, else from the front and the right of the robot."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    center, reach = (low + high) / 2, back * float(np.linalg.norm(high - low)) or 1.0
-    away = np.array([0.0, 0.0, 0.85]) if flat else np.array([0.66, -0.58, 0.44])
+    view = viewpoint(points, flat, back)
     return rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
-        position=center + reach * away,
-        look_target=center,
-        eye_up=(0.0, 1.0, 0.0) if flat else (0.0, 0.0, 1.0),
+        position=view.position,
+        look_target=view.target,
+        eye_up=view.up,
     )
 
 
@@ -65,7 +64,7 @@ def _embedded(scene: Scene) -> rrb.Container:
     return rrb.Horizontal(left, right)
 
 
-@LAYOUTS.register(COMPOSE)
+@LAYOUTS.register(COMPOSE, PLAY)
 def _composed(scene: Scene) -> rrb.Container:
     """Show the plan in space, in the latent space and over time."""
     first, *others = _series(scene)
