@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from skillcli.evaluation import statistics
-from skillcli.evaluation.statistics import Tested
+from skillcli.evaluation.statistics import PermutationTest
 
 
 def test_the_interquartile_mean_leaves_out_a_quarter_at_each_end() -> None:
@@ -61,7 +61,7 @@ def test_a_profile_is_the_share_of_runs_above() -> None:
 
 
 def test_a_paired_test_tries_every_sign() -> None:
-    assert statistics.paired_test(np.array([1.0, 2.0, 3.0])) == Tested(0.25, 0.25, 3)  # of 8 signs, +++ and −−−
+    assert statistics.paired_test(np.array([1.0, 2.0, 3.0])) == PermutationTest(0.25, 0.25, 3)  # of 8 signs, +++ and −−−
     assert statistics.paired_test(np.array([1.0, -1.0])).p == 1.0
     six = statistics.paired_test(np.arange(1.0, 7.0))
     assert (six.p, six.smallest) == (2 / 64, 2 / 64)
@@ -73,7 +73,7 @@ def test_a_paired_test_tries_every_sign() -> None:
 
 def test_an_unpaired_test_tries_every_split() -> None:
     a, b = np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0])
-    assert statistics.unpaired_test([a], [b]) == Tested(2 / 20, 2 / 20, 0)
+    assert statistics.unpaired_test([a], [b]) == PermutationTest(2 / 20, 2 / 20, 0)
     assert statistics.unpaired_test([a], [a]).p == 1.0
     rng = np.random.default_rng(0)
     x, y = rng.normal(size=12), rng.normal(0.8, 1.0, size=12)
@@ -86,9 +86,9 @@ def test_an_unpaired_test_tries_every_split() -> None:
 
 
 def test_several_comparisons_are_adjusted_together() -> None:
-    tests = [Tested(p, 0.0, 0) for p in (0.01, 0.04, 0.03)]
+    tests = [PermutationTest(p, 0.0, 0) for p in (0.01, 0.04, 0.03)]
     assert statistics.holm(tests) == pytest.approx([0.03, 0.06, 0.06])
-    assert statistics.holm([Tested(0.9, 0.0, 0)] * 3) == [1.0, 1.0, 1.0]
+    assert statistics.holm([PermutationTest(0.9, 0.0, 0)] * 3) == [1.0, 1.0, 1.0]
 
 
 @pytest.mark.slow
