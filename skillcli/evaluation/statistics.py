@@ -120,7 +120,7 @@ class PermutationTest:
 
 
 def paired_test(differences: Array, seed: int = 0) -> PermutationTest:
-    """PermutationTest whether differences of pairs (n,) are centred on zero: the sign of each could as well be the other one."""
+    """Test whether differences of pairs (n,) are centred on zero: the sign of each could as well be the other one."""
     count = len(differences)
     if not count:
         return PermutationTest(1.0, 1.0, 0)
@@ -133,7 +133,7 @@ def paired_test(differences: Array, seed: int = 0) -> PermutationTest:
 
 
 def unpaired_test(first: Strata, second: Strata, seed: int = 0) -> PermutationTest:
-    """PermutationTest whether two groups come from the same distribution: within a stratum, runs could as well be of the other group.
+    """Test whether two groups come from the same distribution: within a stratum, runs could as well be of the other group.
 
     The statistic is the difference of the means, averaged over strata.
     """

@@ -21,9 +21,7 @@ def test_the_interquartile_mean_leaves_out_a_quarter_at_each_end() -> None:
 def test_the_interval_is_that_of_scipys_bootstrap() -> None:
     scores = np.random.default_rng(1).normal(size=20)
     ours = statistics.estimate([scores])
-    found = stats.bootstrap(
-        (scores,), statistics.iqm, n_resamples=20_000, method="percentile", random_state=np.random.default_rng(2)
-    )
+    found = stats.bootstrap((scores,), statistics.iqm, n_resamples=20_000, method="percentile", rng=np.random.default_rng(2))
     assert ours.value == statistics.iqm(scores)
     assert abs(ours.low - found.confidence_interval.low) < 0.03 and abs(ours.high - found.confidence_interval.high) < 0.03
 
@@ -66,7 +64,9 @@ def test_a_paired_test_tries_every_sign() -> None:
     six = statistics.paired_test(np.arange(1.0, 7.0))
     assert (six.p, six.smallest) == (2 / 64, 2 / 64)
     many = np.random.default_rng(0).normal(0.1, 1.0, 30)
-    found = stats.permutation_test((many,), lambda x, axis: x.mean(axis=axis), permutation_type="samples", n_resamples=9999)
+    found = stats.permutation_test(
+        (many,), lambda x, axis: x.mean(axis=axis), permutation_type="samples", n_resamples=9999, rng=np.random.default_rng(0)
+    )
     assert abs(statistics.paired_test(many).p - found.pvalue) < 0.02
     assert statistics.paired_test(np.zeros(4)).p == 1.0 and statistics.paired_test(np.zeros(0)).p == 1.0
 
@@ -78,7 +78,11 @@ def test_an_unpaired_test_tries_every_split() -> None:
     rng = np.random.default_rng(0)
     x, y = rng.normal(size=12), rng.normal(0.8, 1.0, size=12)
     found = stats.permutation_test(
-        (x, y), lambda p, q, axis: p.mean(axis=axis) - q.mean(axis=axis), n_resamples=9999, vectorized=True
+        (x, y),
+        lambda p, q, axis: p.mean(axis=axis) - q.mean(axis=axis),
+        n_resamples=9999,
+        vectorized=True,
+        rng=np.random.default_rng(0),
     )
     assert abs(statistics.unpaired_test([x], [y]).p - found.pvalue) < 0.02
     strata = statistics.unpaired_test([a, a + 10], [b, b + 10])
