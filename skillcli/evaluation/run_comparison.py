@@ -111,13 +111,13 @@ def _pairs(values: Sequence[Values], higher: bool) -> tuple[PairResult, ...]:
     return tuple(_pair(a, b, test, p, higher, len(every)) for (a, b), test, p in zip(every, tests, adjusted, strict=True))
 
 
-def _test(a: dict[int, dict[int, float]], b: dict[int, dict[int, float]]) -> statistics.Tested:
+def _test(a: dict[int, dict[int, float]], b: dict[int, dict[int, float]]) -> statistics.PermutationTest:
     """Compare runs with the same seed where both groups have the same seeds, all with all elsewhere."""
     shared = sorted(a.keys() & b.keys())
     if shared and all(a[each].keys() == b[each].keys() for each in shared) and a.keys() == b.keys():
         return statistics.paired_test(np.array([a[s][seed] - b[s][seed] for s in shared for seed in sorted(a[s])]))
     if not shared:
-        return statistics.Tested(1.0, 1.0, 0)
+        return statistics.PermutationTest(1.0, 1.0, 0)
     return statistics.unpaired_test(*_arrays(a, b, shared))
 
 
@@ -128,7 +128,7 @@ def _arrays(
     return first, second
 
 
-def _pair(a: Values, b: Values, test: statistics.Tested, p: float, higher: bool, comparisons: int) -> PairResult:
+def _pair(a: Values, b: Values, test: statistics.PermutationTest, p: float, higher: bool, comparisons: int) -> PairResult:
     shared = sorted(a[1].keys() & b[1].keys())
     first, second = _arrays(a[1], b[1], shared)
     if not higher:

@@ -105,7 +105,7 @@ def _above(a: Array, b: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Tested:
+class PermutationTest:
     """A permutation test of two groups.
 
     Attributes:
@@ -119,21 +119,21 @@ class Tested:
     pairs: int
 
 
-def paired_test(differences: Array, seed: int = 0) -> Tested:
-    """Tested whether differences of pairs (n,) are centred on zero: the sign of each could as well be the other one."""
+def paired_test(differences: Array, seed: int = 0) -> PermutationTest:
+    """Test whether differences of pairs (n,) are centred on zero: the sign of each could as well be the other one."""
     count = len(differences)
     if not count:
-        return Tested(1.0, 1.0, 0)
+        return PermutationTest(1.0, 1.0, 0)
     if 2**count <= EXACT:
         signs = _signs(count)
-        return Tested(_share(np.abs((signs * differences).mean(axis=1)), 0), 2.0 / 2**count, count)
+        return PermutationTest(_share(np.abs((signs * differences).mean(axis=1)), 0), 2.0 / 2**count, count)
     signs = generator(seed, "signs").choice([1.0, -1.0], size=(EXACT // 2 - 1, count))
     drawn = np.abs((np.concatenate([np.ones((1, count)), signs]) * differences).mean(axis=1))
-    return Tested(_share(drawn, 0), 1.0 / len(drawn), count)
+    return PermutationTest(_share(drawn, 0), 1.0 / len(drawn), count)
 
 
-def unpaired_test(first: Strata, second: Strata, seed: int = 0) -> Tested:
-    """Tested whether two groups come from the same distribution: within a stratum, runs could as well be of the other group.
+def unpaired_test(first: Strata, second: Strata, seed: int = 0) -> PermutationTest:
+    """Test whether two groups come from the same distribution: within a stratum, runs could as well be of the other group.
 
     The statistic is the difference of the means, averaged over strata.
     """
@@ -144,7 +144,7 @@ def unpaired_test(first: Strata, second: Strata, seed: int = 0) -> Tested:
         rng = generator(seed, "permutations")
         drawn = np.mean([_random_splits(a, b, EXACT // 2 - 1, rng) for a, b in zip(first, second, strict=True)], axis=0)
     smallest = max(1.0 / len(drawn), (2.0 if all(len(a) == len(b) for a, b in zip(first, second, strict=True)) else 1.0) / ways)
-    return Tested(_share(np.abs(drawn), 0), smallest, 0)
+    return PermutationTest(_share(np.abs(drawn), 0), smallest, 0)
 
 
 def _every_split(a: Array, b: Array) -> Array:
@@ -180,7 +180,7 @@ def _share(drawn: Array, given: int) -> float:
     return float((drawn >= drawn[given] - 1e-9 * scale).mean())
 
 
-def holm(tests: Sequence[Tested]) -> list[float]:
+def holm(tests: Sequence[PermutationTest]) -> list[float]:
     """Adjust p values of several comparisons, so that a false alarm among all of them stays as rare (Holm 1979)."""
     order = sorted(range(len(tests)), key=lambda index: tests[index].p)
     adjusted, largest = [1.0] * len(tests), 0.0

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from skillcli.evaluation import statistics
-from skillcli.evaluation.statistics import Tested
+from skillcli.evaluation.statistics import PermutationTest
 
 
 def test_the_interquartile_mean_leaves_out_a_quarter_at_each_end() -> None:
@@ -21,9 +21,7 @@ def test_the_interquartile_mean_leaves_out_a_quarter_at_each_end() -> None:
 def test_the_interval_is_that_of_scipys_bootstrap() -> None:
     scores = np.random.default_rng(1).normal(size=20)
     ours = statistics.estimate([scores])
-    found = stats.bootstrap(
-        (scores,), statistics.iqm, n_resamples=20_000, method="percentile", random_state=np.random.default_rng(2)
-    )
+    found = stats.bootstrap((scores,), statistics.iqm, n_resamples=20_000, method="percentile", rng=np.random.default_rng(2))
     assert ours.value == statistics.iqm(scores)
     assert abs(ours.low - found.confidence_interval.low) < 0.03 and abs(ours.high - found.confidence_interval.high) < 0.03
 
@@ -61,24 +59,30 @@ def test_a_profile_is_the_share_of_runs_above() -> None:
 
 
 def test_a_paired_test_tries_every_sign() -> None:
-    assert statistics.paired_test(np.array([1.0, 2.0, 3.0])) == Tested(0.25, 0.25, 3)  # of 8 signs, +++ and −−−
+    assert statistics.paired_test(np.array([1.0, 2.0, 3.0])) == PermutationTest(0.25, 0.25, 3)  # of 8 signs, +++ and −−−
     assert statistics.paired_test(np.array([1.0, -1.0])).p == 1.0
     six = statistics.paired_test(np.arange(1.0, 7.0))
     assert (six.p, six.smallest) == (2 / 64, 2 / 64)
     many = np.random.default_rng(0).normal(0.1, 1.0, 30)
-    found = stats.permutation_test((many,), lambda x, axis: x.mean(axis=axis), permutation_type="samples", n_resamples=9999)
+    found = stats.permutation_test(
+        (many,), lambda x, axis: x.mean(axis=axis), permutation_type="samples", n_resamples=9999, rng=np.random.default_rng(0)
+    )
     assert abs(statistics.paired_test(many).p - found.pvalue) < 0.02
     assert statistics.paired_test(np.zeros(4)).p == 1.0 and statistics.paired_test(np.zeros(0)).p == 1.0
 
 
 def test_an_unpaired_test_tries_every_split() -> None:
     a, b = np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0])
-    assert statistics.unpaired_test([a], [b]) == Tested(2 / 20, 2 / 20, 0)
+    assert statistics.unpaired_test([a], [b]) == PermutationTest(2 / 20, 2 / 20, 0)
     assert statistics.unpaired_test([a], [a]).p == 1.0
     rng = np.random.default_rng(0)
     x, y = rng.normal(size=12), rng.normal(0.8, 1.0, size=12)
     found = stats.permutation_test(
-        (x, y), lambda p, q, axis: p.mean(axis=axis) - q.mean(axis=axis), n_resamples=9999, vectorized=True
+        (x, y),
+        lambda p, q, axis: p.mean(axis=axis) - q.mean(axis=axis),
+        n_resamples=9999,
+        vectorized=True,
+        rng=np.random.default_rng(0),
     )
     assert abs(statistics.unpaired_test([x], [y]).p - found.pvalue) < 0.02
     strata = statistics.unpaired_test([a, a + 10], [b, b + 10])
@@ -86,9 +90,9 @@ def test_an_unpaired_test_tries_every_split() -> None:
 
 
 def test_several_comparisons_are_adjusted_together() -> None:
-    tests = [Tested(p, 0.0, 0) for p in (0.01, 0.04, 0.03)]
+    tests = [PermutationTest(p, 0.0, 0) for p in (0.01, 0.04, 0.03)]
     assert statistics.holm(tests) == pytest.approx([0.03, 0.06, 0.06])
-    assert statistics.holm([Tested(0.9, 0.0, 0)] * 3) == [1.0, 1.0, 1.0]
+    assert statistics.holm([PermutationTest(0.9, 0.0, 0)] * 3) == [1.0, 1.0, 1.0]
 
 
 @pytest.mark.slow
