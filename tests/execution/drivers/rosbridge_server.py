@@ -7,6 +7,7 @@ The arm follows its target with a time constant, and publishes its joints at 100
 from __future__ import annotations
 
 import json
+import socket
 import threading
 import time
 from contextlib import suppress
@@ -48,7 +49,7 @@ class RosbridgeServer:
         self._subscribed: set[ServerConnection] = set()
         self._advertised: dict[str, str] = {}
         self._ending = threading.Event()
-        # a connection whose socket is closed answers no more: websockets would wait 10 s for that
+        # a connection that was cut answers no more: websockets would wait 10 s for that
         self._server = serve(self._talk, "127.0.0.1", 0, close_timeout=0.2)
         self.port: int = self._server.socket.getsockname()[1]
         for work in (self._server.serve_forever, self._simulate):
@@ -57,7 +58,8 @@ class RosbridgeServer:
     def drop(self) -> None:
         """Close every connection, in the middle."""
         for connection in list(self._subscribed):
-            connection.socket.close()
+            with suppress(OSError):  # a socket that is only closed leaves the thread that reads it waiting
+                connection.socket.shutdown(socket.SHUT_RDWR)
             with suppress(Exception):
                 connection.close()
 
