@@ -232,7 +232,7 @@ def test_a_stage_that_keeps_nothing_says_so(chain: Path, stage: str, source: str
 
 
 def test_options_for_every_command_may_stand_behind_it(store: Path) -> None:
-    assert len(skill("ls", "--json", "--store", store).json["artifacts"]) == 8
+    assert len(skill("ls", "--json", "--store", store).json["artifacts"]) == 9
     assert skill("show", "tiny/nobody", f"--store={store}", "--json").json["error"]["type"] == "UnknownArtifact"
     assert typed.split(["a", "--json", "--", "--json"]) == (["--json"], ["a", "--", "--json"])
 

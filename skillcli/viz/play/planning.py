@@ -31,8 +31,8 @@ class Start:
 
 
 def methods() -> list[str]:
-    """List the methods that plan to a goal; those that take a plan written by hand are not among them."""
-    return [name for name in METHODS if method_spec(name).write is None]
+    """List the methods that plan to a goal; those that take a plan written by hand, or a file, are not among them."""
+    return [name for name in METHODS if (spec := method_spec(name)).write is None and not spec.argument]
 
 
 def make_plan(library: Library, method: str, start: Start, seed: int, told: Callable[[str], None]) -> PlanResult:

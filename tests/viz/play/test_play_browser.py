@@ -123,8 +123,12 @@ def test_what_is_pressed_moved_and_dragged_in_a_browser_happens(
     assert eventually(lambda: session.status().seconds == 0, PATIENCE)
     goal, arm = session.goal, 0.6 * browser.view.extent / 7
     along = np.array([0.0, -1.0, 0.0])
-    browser.drag(goal + arm * np.abs(along), goal + arm * np.abs(along) + 0.15 * along)
-    assert eventually(lambda: bool(np.abs(session.goal - goal).max() > 0.05), 20), session.goal
+    for _ in range(3):  # a browser without a graphics card draws late: another handle may still be under the pointer
+        browser.drag(goal + arm * np.abs(along), goal + arm * np.abs(along) + 0.15 * along)
+        assert eventually(lambda: bool(np.abs(session.goal - goal).max() > 0.05), 20), session.goal
+        if np.abs((session.goal - goal)[[0, 2]]).max() < 1e-3:
+            break
+        session.set_goal(goal)
     assert np.abs((session.goal - goal)[[0, 2]]).max() < 1e-3, "along one arrow"
 
     browser.press("plan and play")
