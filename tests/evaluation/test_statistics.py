@@ -18,6 +18,11 @@ def test_the_interquartile_mean_leaves_out_a_quarter_at_each_end() -> None:
     assert np.allclose(statistics.iqm(scores), stats.trim_mean(scores, 0.25, axis=1))
 
 
+def test_the_interquartile_mean_of_a_published_sample_is_the_published_one() -> None:
+    # Wikipedia, "Interquartile mean", example of a data set whose size is divisible by four
+    assert statistics.iqm(np.array([5, 8, 4, 38, 8, 6, 9, 7, 7, 3, 1, 6])) == 6.5
+
+
 def test_the_interval_is_that_of_scipys_bootstrap() -> None:
     scores = np.random.default_rng(1).normal(size=20)
     ours = statistics.estimate([scores])
