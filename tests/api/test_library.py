@@ -16,6 +16,8 @@ from skillcli import ComposedPlan, SkillLibrary, StoreError, UsageError
 from skillcli.kinds.arrays import TRAJECTORIES
 from skillcli.trajectories import AXES
 
+pytestmark = pytest.mark.slow  # plans and rollouts
+
 REFERENCE = Path(skillcli.__file__).parents[1] / "artifacts"
 
 
@@ -124,7 +126,6 @@ def test_a_plan_is_not_stored_until_it_is_saved_and_then_as_the_command_stores_i
     assert evaluated.success_rate.keys() == {"mild"}
 
 
-@pytest.mark.slow
 def test_training_is_that_of_the_command(tmp_path: Path) -> None:
     trained = skillcli.train("smoke", settings=TINY, name="programmed", store=tmp_path)
     typed = made("--store", tmp_path, "pretrain", "smoke", "--name", "typed", *(w for one in TINY for w in ("--set", one)))

@@ -22,6 +22,8 @@ from skillcli.store.results import complaints
 from skillcli.viz.play.session import PlaySession
 from skillcli.viz.play.take import Take
 
+pytestmark = pytest.mark.slow  # an arm is simulated and drawn
+
 SHIPPED = Path(__file__).parents[2] / "artifacts"
 SOURCE = ArtifactId("reference-reach", "embed-means", 1)
 

@@ -12,6 +12,8 @@ from skillcli.sweeps.cell import Beat, Cell, Outcome
 from skillcli.sweeps.plan import SweepPlan
 from skillcli.sweeps.search import Search
 
+pytestmark = pytest.mark.slow  # studies of optuna
+
 pytest.importorskip("optuna")
 
 AXES = [axis("training.iterations=1..1000"), axis("task.horizon=16,32")]

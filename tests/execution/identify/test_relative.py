@@ -14,6 +14,8 @@ from skillcli.execution.log import Log
 from skillcli.simulation.replay import ForwardKinematics
 from skillcli.trajectories import Array
 
+pytestmark = pytest.mark.slow  # an arm's start is searched for
+
 TOOL = np.array([0.01, -0.02, -0.05])  # m, in the axes of the gripper
 NOISE = 0.002  # m
 

@@ -13,6 +13,8 @@ from skillcli.execution.identify.structure import compare, readings, refine, who
 from skillcli.execution.identify.windows import short_windows, stretches
 from skillcli.simulation.replay import Replay
 
+pytestmark = pytest.mark.slow  # fits
+
 
 def test_latencies_are_whole_control_steps_as_far_as_actuators_remember() -> None:
     assert whole_steps(0.05) == pytest.approx([0, 0.05, 0.1, 0.15])

@@ -18,6 +18,8 @@ from skillcli.viz.play.session import PlaySession
 from skillcli.viz.play.state import Pose, between
 from skillcli.viz.play.take import Take
 
+pytestmark = pytest.mark.slow  # an arm is simulated
+
 
 def run(session: PlaySession, steps: int) -> None:
     for _ in range(steps):
@@ -116,7 +118,6 @@ def test_a_plan_begins_where_the_arm_is_and_meets_a_goal_elsewhere(reach: Librar
     assert session.status().success and session.status().distance < 0.03, session.status()
 
 
-@pytest.mark.slow  # two of them train
 @pytest.mark.parametrize("method", methods())
 def test_every_method_that_takes_goals_plans(point: Library, method: str) -> None:
     session = PlaySession(point)
