@@ -18,12 +18,31 @@ def heeded() -> list[signal.Signals]:
     return [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
 
 
-class StopRequest:
-    """A request to stop: the first at the next safe point, the second at once."""
+class Interrupt:
+    """Raises an exception for a signal and remembers it: other code may replace the exception, or swallow it."""
 
     def __init__(self) -> None:
-        self.requested = False
+        self.pressed = False
         self._since = 0.0
+
+    def __call__(self, number: int, __: FrameType | None) -> None:
+        """Take a signal; repeated ones would only disturb the cleanup."""
+        if self.pressed and number != signal.SIGINT and time.monotonic() - self._since < ECHO_SECONDS:
+            return
+        self.pressed, self._since = True, time.monotonic()
+        raise KeyboardInterrupt
+
+
+class StopRequest:
+    """A request to stop: the first at the next safe point, the second at once.
+
+    A signal that an `Interrupt` took before, and that other code swallowed, is the first.
+    """
+
+    def __init__(self) -> None:
+        before = [signal.getsignal(number) for number in SIGNALS]
+        self.requested = any(isinstance(answer, Interrupt) and answer.pressed for answer in before)
+        self._since = time.monotonic() if self.requested else 0.0
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """Take a signal."""

@@ -8,7 +8,7 @@ import threading
 import pytest
 
 from skillcli import stopping
-from skillcli.stopping import ECHO_SECONDS, StopRequest, answered
+from skillcli.stopping import ECHO_SECONDS, Interrupt, StopRequest, answered, stoppable
 
 
 @pytest.fixture
@@ -41,6 +41,19 @@ def test_the_echo_of_a_session_that_ends_is_not_a_second_request(clock: list[flo
     clock[0] += 0.2
     with pytest.raises(KeyboardInterrupt):
         stop(signal.SIGTERM, None)
+
+
+def test_a_signal_whose_exception_was_swallowed_is_the_first_request() -> None:
+    interrupt = Interrupt()
+    with answered(interrupt):
+        with stoppable() as stop:
+            assert not stop.requested
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)  # as other code catches it while it loads
+        with stoppable() as stop:
+            assert stop.requested
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
 
 
 def test_signals_are_answered_inside_the_block_only() -> None:

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import json
-import signal
 import sys
-import time
 from pathlib import Path
-from types import FrameType
 from typing import Annotated, NoReturn
 
 import typer
@@ -32,7 +29,7 @@ from skillcli.cli import (
 from skillcli.cli.session import Session
 from skillcli.errors import SkillError
 from skillcli.plaintext import line
-from skillcli.stopping import ECHO_SECONDS, answered
+from skillcli.stopping import Interrupt, answered
 
 app = typer.Typer(
     name="skill",
@@ -108,22 +105,7 @@ def main() -> None:
         _fail(type(error).__name__, *trouble.explain(error), 1)
 
 
-INTERRUPTED = ("Interrupted", "interrupted", "finished stages are in the store; a training goes on with --resume", 130)
-
-
-class Interrupt:
-    """Raises an exception for a signal and remembers it: other code may replace the exception."""
-
-    def __init__(self) -> None:
-        self.pressed = False
-        self._since = 0.0
-
-    def __call__(self, number: int, __: FrameType | None) -> None:
-        """Take a signal; repeated ones would only disturb the cleanup."""
-        if self.pressed and number != signal.SIGINT and time.monotonic() - self._since < ECHO_SECONDS:
-            return
-        self.pressed, self._since = True, time.monotonic()
-        raise KeyboardInterrupt
+INTERRUPTED = ("Interrupted", "interrupted", "what was finished is in the store; a training goes on with --resume", 130)
 
 
 def _fail(kind: str, message: str, hint: str, code: int) -> NoReturn:

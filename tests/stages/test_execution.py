@@ -100,6 +100,11 @@ def test_a_plan_is_made_again_on_the_way_while_the_arm_holds(store: Path, plan: 
     check_meaning(artifact)
 
 
+def test_a_dry_run_is_not_planned_again(store: Path) -> None:
+    result = skill("--store", store, "execute", "reference-reach/compose-v1", "--replan", "--dry-run", "--yes")
+    assert result.code == 2 and "a dry run sends nothing" in result.err
+
+
 def test_bare_skills_hold_no_plan_to_make_again(store: Path) -> None:
     result = skill("--store", store, "execute", "reference-reach/embed-means-v1", "--replan", "--yes")
     assert result.code == 2 and "holds no plan" in result.err
