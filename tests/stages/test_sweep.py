@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -51,6 +52,21 @@ def test_cells_are_ordinary_artifacts_and_are_used_again(tmp_path: Path) -> None
     assert [cell["id"] for cell in again["cells"]] == [cell["id"] for cell in first["cells"]]
     assert made("--store", root, "verify", "--all")["ok"]
     assert "training.iterations=3" in skill("--store", root, "show", "grid/sweep").out
+    _check_that_a_sweep_travels_with_its_cells(root, first, tmp_path)
+
+
+def _check_that_a_sweep_travels_with_its_cells(root: Path, sweep: dict[str, Any], tmp_path: Path) -> None:
+    remote, other = f"file://{tmp_path}/remote", tmp_path / "other"
+    cells = {cell["id"] for cell in sweep["cells"]}
+    told = skill("--store", root, "upload", remote, "grid/sweep")
+    assert told.code == 0 and all(f"transferred: {one}" in told.out for one in (*cells, sweep["id"])), told.out + told.err
+    told = skill("--store", root, "upload", remote, "grid/sweep")
+    assert "0 transferred" in told.out and f"already there: {sweep['id']}" in told.out
+    got = made("--store", other, "download", remote, "grid/sweep")
+    assert set(got["transferred"]) == {*cells, sweep["id"]} and made("--store", other, "verify", "--all")["ok"]
+    (root / f"{sweep['cells'][0]['id']}.h5").unlink()
+    told = skill("--store", root, "upload", f"file://{tmp_path}/third", "grid/sweep")
+    assert told.code == 0 and "not here: 1; run the sweep again" in told.out and "4 transferred" in told.out
 
 
 def test_a_killed_sweep_goes_on_where_it_was(tmp_path: Path) -> None:
