@@ -107,6 +107,10 @@ def test_what_would_fail_in_every_cell_is_refused_before(tmp_path: Path) -> None
         (("--through", "report"), "--through"),
         (("--seeds", "3-1"), "--seeds"),
         (("--grid", "--random", "2", "--set", "training.iterations=2,3"), "--grid"),
+        (("--random", "2", "--optuna", "2"), "leave out --random\n"),
+        (("--ray", "--optuna", "2"), "leave out --ray\n"),
+        (("--metric", "success_rate"), "--metric goes with --optuna"),
+        (("--optuna", "2", "--metric", "foo", "--set", "training.iterations=2,3"), "--metric 'foo'"),
         (("--name", "x" * 63), "too long"),
         (("--name", "a/b"), "--name"),
     ):
