@@ -41,7 +41,7 @@ def compare(
 
     from skillcli.evaluation import run_comparison
     from skillcli.evaluation.run_comparison import sentence
-    from skillcli.evaluation.run_groups import curves_of, groups_of
+    from skillcli.evaluation.run_groups import curves_of, groups_of, shared_runs
 
     session: Session = context.obj
     store = session.store
@@ -55,10 +55,12 @@ def compare(
     payload = {
         "metrics": [_metric(result) for result in results],
         "sample_efficiency": [_curve(curve) for curve in curves],
+        "shared_runs": (shared := shared_runs(groups)),
         "png": str(png) if png else None,
     }
+    warned = [f"the groups share runs ({shared}), so they are not independent"] if shared else []
     shown = [part for result in results for part in (table(result), Text("\n".join(map(sentence, result.pairs))))]
-    session.result(payload, *shown, *([f"figure: {png}"] if png else []))
+    session.result(payload, *shown, *warned, *([f"figure: {png}"] if png else []))
 
 
 def table(result: MetricResult) -> Table:

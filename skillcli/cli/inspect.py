@@ -50,7 +50,9 @@ def viz(
 
     if output is not None and output.suffix.lower().removeprefix(".") in FORMATS:
         raise UsageError(f"{output} has the suffix of a figure, but -o writes a recording", f"for a figure: --png {output}")
-    found = session.pick(source)
+    from skillcli.viz.loading import SCENES
+
+    found = session.pick(source, *(() if source else SCENES))
     from skillcli.viz import viewer
     from skillcli.viz.visualise import record
 

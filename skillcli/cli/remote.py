@@ -14,7 +14,7 @@ from skillcli.cli.session import Session
 from skillcli.errors import Interrupted
 
 if TYPE_CHECKING:
-    from skillcli.store import Transfer
+    from skillcli.store import ArtifactId, Transfer
     from skillcli.store.remote_index import Catalog, Entry
 
 Remote = Annotated[
@@ -36,7 +36,7 @@ def register(app: typer.Typer) -> None:
 
 
 def upload(context: typer.Context, remote: Remote, ids: Ids) -> None:
-    """Copy artifacts with all their ancestors to a shared store, and read back what was sent.
+    """Copy artifacts with all their ancestors to a shared store, and read back what was sent; a sweep takes its cells along.
 
     Nothing is overwritten there: an artifact whose id other content has gets the next free version.
     """
@@ -45,26 +45,56 @@ def upload(context: typer.Context, remote: Remote, ids: Ids) -> None:
 
     session: Session = context.obj
     chosen = [session.filled.resolve(text) for text in ids]
+    wanted = _contents(session, chosen)
+    held: dict[str, ArtifactId] = {}
+    for header in session.store.headers() if wanted else ():
+        held.setdefault(header.content_sha256, header.id)
+    cells = [held[content] for content in wanted if content in held]
     with _resumable("upload"), session.progress() as on_progress:
         files = open_remote(remote)
-        done = send(session.store, files, chosen, on_progress)
-    session.result(*_transfer(done, files.address, "there"))
+        done = send(session.store, files, [*cells, *chosen], on_progress)
+    session.result(*_transfer(done, files.address, "there"), *_gone(len(wanted) - len(cells), "here"))
 
 
 def download(context: typer.Context, remote: Remote, ids: TheirIds) -> None:
-    """Copy artifacts with all their ancestors from a shared store; each is checked before it gets its name.
+    """Copy artifacts with all their ancestors from a shared store, each checked first; a sweep takes its cells along.
 
     Nothing is overwritten here: an artifact whose id other content has gets the next free version.
     """
     from skillcli.evaluation.consistency import check_meaning
     from skillcli.store import download as fetch
     from skillcli.store import open_remote
+    from skillcli.store.remote_index import Catalog
 
     session: Session = context.obj
     with _resumable("download"), session.progress() as on_progress:
         files = open_remote(remote)
         done = fetch(session.store, files, ids, check_meaning, on_progress)
-    session.result(*_transfer(done, files.address, "here"))
+        wanted = _contents(session, [done.renamed.get(one, one) for one in (*done.transferred, *done.skipped)])
+        held = {entry.content_sha256: str(entry.id) for entry in Catalog.of(files).entries} if wanted else {}
+        cells = [held[content] for content in wanted if content in held]
+        if cells:
+            done.join(fetch(session.store, files, cells, check_meaning, on_progress))
+    session.result(*_transfer(done, files.address, "here"), *_gone(len(wanted) - len(cells), "there"))
+
+
+def _contents(session: Session, ids: list[ArtifactId]) -> list[str]:
+    """Return the content hashes of the finished cells of those ids that are sweeps, each once."""
+    from skillcli.kinds import SWEEP
+    from skillcli.kinds.sweep import DONE, sha_text
+
+    found = dict[str, None]()
+    for one in ids:
+        if one.stage == SWEEP.name:
+            arrays = session.store.read(one).arrays
+            found |= dict.fromkeys(sha_text(words) for words in arrays["cells/content"][arrays["cells/state"] == DONE])
+    return list(found)
+
+
+def _gone(count: int, side: str) -> list[str]:
+    """Say how many cells could not go along."""
+    again = "run the sweep again to make them anew" if side == "here" else "upload the sweep again from a store that has them"
+    return [f"cells of the sweep that were not sent, since they are not {side}: {count}; {again}"] if count else []
 
 
 @contextmanager
@@ -84,8 +114,9 @@ def _transfer(done: Transfer, address: str, side: str) -> tuple[Any, ...]:
         "bytes": done.bytes,
     }
     renamed = [f"{one} is {other} {side}, where other content has that id" for one, other in done.renamed.items()]
+    named = [f"transferred: {one}" for one in done.transferred] + [f"already {side}: {one}" for one in done.skipped]
     counts = f"{len(done.transferred)} transferred ({done.bytes / 1e6:.1f} MB), {len(done.skipped)} already {side}"
-    return payload, *renamed, counts
+    return payload, *named, *renamed, counts
 
 
 def list_remote(session: Session, remote: str, kind: str, name: str, made: Callable[[str], bool]) -> None:

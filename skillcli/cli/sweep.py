@@ -66,7 +66,9 @@ def sweep(
     optuna: Annotated[
         int | None, typer.Option("--optuna", help="Search: try so many settings, proposed by Optuna.", min=1, metavar="N")
     ] = None,
-    metric: Annotated[str, typer.Option("--metric", help="What --optuna optimises.", metavar="NAME")] = "success_rate",
+    metric: Annotated[
+        str | None, typer.Option("--metric", help="What --optuna optimises; success_rate by default.", metavar="NAME")
+    ] = None,
 ) -> None:
     """Run a recipe with many seeds and settings; every cell is an ordinary artifact, and finished ones are used again."""
     from skillcli.cli.sweep_view import SweepView, listed, table
@@ -78,13 +80,16 @@ def sweep(
     from skillcli.sweeps.plan import SweepPlan
 
     began, session = time.monotonic(), context.obj
-    if optuna and (grid or random or ray):
-        raise UsageError("--optuna chooses the settings itself, and runs here", "leave out --grid, --random and --ray")
+    given = [word for word, value in (("--grid", grid), ("--random", random), ("--ray", ray)) if value]
+    if optuna and given:
+        raise UsageError("--optuna chooses the settings itself, and runs here", f"leave out {' and '.join(given)}")
+    if metric is not None and not optuna:
+        raise UsageError("--metric goes with --optuna", "give --optuna N, or `skill compare ID --metric NAME` afterwards")
     folder, axes = checked(name) or load_recipe(recipe).name, [axis(text) for text in overrides or ()]
     told = frozenset(each.key for each in axes if each.varies) if optuna else None
     settings = [()] if optuna else _settings(axes, grid, random)
     plan = SweepPlan(recipe, tuple(settings), tuple(read_seeds(seeds)), folder, through, told)
-    search = _search(session, plan, axes, optuna, metric) if optuna else None
+    search = _search(session, plan, axes, optuna, metric or "success_rate") if optuna else None
     at_a_time = jobs or len(available_cores())
     counted = plan if search is None else search
     view = SweepView(len(counted), counted.label, at_a_time)
@@ -116,9 +121,18 @@ def sweep(
 
 
 def _search(session: Session, base: SweepPlan, axes: list[Axis], trials: int, metric: str) -> Search:
-    from skillcli.evaluation.run_metrics import higher_is_better
+    from skillcli.evaluation.run_metrics import higher_is_better, metric_names
+    from skillcli.recipe import load_recipe
+    from skillcli.simulation.domains import find_domain
+    from skillcli.sweeps.plan import THROUGH
     from skillcli.sweeps.search import Search
 
+    stages = THROUGH[: THROUGH.index(base.through) + 1]
+    known = metric_names(stages, [find_domain(domain).name for domain in load_recipe(base.recipe).transfer.domains])
+    if metric not in known and not any(axis.key == "transfer.domains" for axis in axes):
+        raise UsageError(
+            f"--metric {metric!r}: a run through {base.through} has none of that name", f"one of {', '.join(known)}"
+        )
     return Search(base, axes, trials, metric, higher_is_better(metric), session.root)
 
 

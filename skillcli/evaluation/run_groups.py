@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -77,12 +78,25 @@ def _of_sweeps(sweeps: Sequence[Artifact]) -> list[Group]:
     same = all(each.settings == found[0].settings and each.through == found[0].through for each in found)
     if len(sweeps) > 1 and same:
         return [Group(name, tuple(_members(one))) for name, one in zip(names, sweeps, strict=True)]
+    every = [setting.values for results in found for setting in results.settings]
     groups = []
     for name, one, results in zip(names, sweeps, found, strict=True):
         for index, setting in enumerate(results.settings):
-            label = ": ".join(part for part in (name if len(sweeps) > 1 else "", setting.label) if part)
+            told = setting.label or _differing(setting.values, every)
+            label = ": ".join(part for part in (name if len(sweeps) > 1 else "", told) if part)
             groups.append(Group(label or name, tuple(_members(one, index))))
     return groups
+
+
+def _differing(values: Mapping[str, str], every: Sequence[Mapping[str, str]]) -> str:
+    """Name a setting that is alone in its sweep by the keys in which it differs from any other that is compared."""
+    return ", ".join(f"{key}={value}" for key, value in values.items() if any(other.get(key) != value for other in every))
+
+
+def shared_runs(groups: Sequence[Group]) -> int:
+    """Return how many runs belong to more than one group."""
+    every = [one for group in groups for one in {member.content_sha256 for member in group.members}]
+    return sum(count > 1 for count in Counter(every).values())
 
 
 def _members(sweep: Artifact, only: int | None = None) -> Iterator[Member]:

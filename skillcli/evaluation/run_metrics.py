@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from math import isfinite, nan
 
 from skillcli.kinds import COMPOSE, EMBED_MEANS, EXECUTION, PRETRAIN, TRANSFER_EVAL, ByKind
@@ -20,6 +20,22 @@ _LOWER = {"final_distance_m", "efficiency", "expanded_nodes"}
 def higher_is_better(metric: str) -> bool:
     """Return whether a larger value of a metric is better."""
     return metric.rpartition(".")[2] not in _LOWER
+
+
+def metric_names(stages: Sequence[str], domains: Sequence[str]) -> list[str]:
+    """Return the names of all metrics that a run of these stages may have, with these target domains."""
+    ends = {
+        PRETRAIN.name: (
+            "success_rate", "final_distance_m", "inference_accuracy", "latent_goal_correlation", "efficiency",
+            "randomised.success_rate",
+        ),
+        EMBED_MEANS.name: ("final_distance_m",),
+        COMPOSE.name: ("success_rate", "final_distance_m", "expanded_nodes", "predicted.success_rate"),
+        TRANSFER_EVAL.name: tuple(
+            f"{domain}.{name}" for domain in domains for name in ("success_rate", "final_distance_m", "retention")
+        ),
+    }  # fmt: skip
+    return [name if stage == PRETRAIN.name else f"{stage}.{name}" for stage in stages for name in ends[stage]]
 
 
 def metrics_of(artifacts: Iterable[Artifact]) -> dict[str, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, Generic, TypeVar
 
 from skillcli.errors import StoreError
@@ -69,6 +69,10 @@ class ByKind(Generic[T]):
     def __contains__(self, kind: str) -> bool:
         """Return whether a kind is registered."""
         return kind in self._known
+
+    def __iter__(self) -> Iterator[str]:
+        """Yield the names of the registered kinds."""
+        return iter(self._known)
 
     def of(self, kind: str) -> T:
         """Return the object of a kind.

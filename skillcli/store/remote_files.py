@@ -16,6 +16,7 @@ from skillcli.store.atomic import storage_errors
 _HINTS = {
     **dict.fromkeys(atomic.FULL, "the disk of the shared store is full: free some space there, or choose another address"),
     **dict.fromkeys((errno.EACCES, errno.EPERM), "ask its owner to let you read and write there, or choose another address"),
+    **dict.fromkeys((errno.ENOTDIR, errno.EEXIST), "a file lies where a folder is needed: check the address"),
     errno.EROFS: "the file system is read-only: choose another address",
 }
 

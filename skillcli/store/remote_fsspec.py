@@ -69,12 +69,24 @@ def open_remote(address: str) -> Files:
         hint = f"did you mean {Path(address).absolute().as_uri()}?" if scheme == address and address else f"one of {_FORMS}"
         raise UsageError(f"expected an address such as {_FORMS.split(',')[0]}, got {address!r}", hint)
     if scheme == "file":
+        if not path.startswith("/"):
+            raise UsageError(
+                f"expected a whole path after file://, got {address!r}", f"did you mean file://{_whole_path(path)}?"
+            )
         return LocalFiles(Path(path).absolute(), address)
     if scheme not in SCHEMES:
         raise UsageError(f"expected an address of the form {_FORMS}, got {address!r}", "choose one of these")
     if not path.strip("/"):
         raise UsageError(f"{address} names no bucket or folder", f"one of {_FORMS}")
     return FsspecFiles(address, SCHEMES[scheme])
+
+
+def _whole_path(path: str) -> Path:
+    """Guess which folder was meant by an address with two slashes: one of this machine, or one below the present folder."""
+    host, _, rest = path.partition("/")
+    if host == "localhost" or (rest and Path(f"/{host}").is_dir()):
+        return Path(f"/{rest}" if host == "localhost" else f"/{path}")
+    return Path(path).expanduser().absolute()
 
 
 class FsspecFiles:

@@ -40,6 +40,14 @@ class Transfer:
         if there != one:
             self.renamed[one] = there
 
+    def join(self, other: Transfer) -> None:
+        """Add what a later transfer did; what was told already is not told again."""
+        before = {*self.transferred, *self.skipped}
+        self.transferred += [one for one in other.transferred if one not in before]
+        self.skipped += [one for one in other.skipped if one not in before]
+        self.renamed |= other.renamed
+        self.bytes += other.bytes
+
 
 def upload(store: Store, files: Files, wanted: Sequence[ArtifactId], on_progress: OnProgress = silent) -> Transfer:
     """Send artifacts and their ancestors, and read back what was sent.

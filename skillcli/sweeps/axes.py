@@ -188,6 +188,11 @@ def _span(key: str, found: re.Match[str]) -> Span:
     log = bool(found["log"])
     if not (math.isfinite(low) and math.isfinite(high) and low < high) or (log and low <= 0):
         asked = "0 < LOW < HIGH" if log else "LOW < HIGH"
-        raise UsageError(f"--set {key}={found[0]}: expected {asked}", "swap the ends, or leave out :log")
+        ways = [f"write {texts[1]}..{texts[0]}"] if math.isfinite(low) and math.isfinite(high) and low > high else []
+        if log and min(low, high) <= 0:
+            ways = ["give ends above 0, or leave out :log"]
+        raise UsageError(
+            f"--set {key}={found[0]}: expected {asked}", *(ways or ["give two different numbers, the lower one first"])
+        )
     whole = all(re.fullmatch(r"[-+]?\d+", text) for text in texts)
     return Span(key, low, high, whole, log)

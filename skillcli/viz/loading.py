@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from skillcli.errors import SkillError
+from skillcli.errors import SkillError, StoreError
 from skillcli.evaluation.library import Library, is_same_robot, kin, open_library
-from skillcli.kinds import COMPOSE, EMBED_MEANS, EXECUTION, PLAY, PRETRAIN, TRANSFER_EVAL, ByKind, kind_spec
+from skillcli.kinds import COMPOSE, EMBED_MEANS, EXECUTION, PLAY, PRETRAIN, SWEEP, TRANSFER_EVAL, ByKind, kind_spec
 from skillcli.kinds.transfer_eval import TargetRobot
 from skillcli.robots.config import bundled_robots
 from skillcli.robots.robot import load_target
@@ -44,6 +44,10 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
     Raises:
         StoreError: it or its skills cannot be read, or its kind has no figure.
     """
+    if artifact_id.stage == SWEEP.name:
+        raise StoreError(
+            f"{artifact_id} is a sweep: there is no recording of one", f"for a figure: `skill compare {artifact_id} --png FILE`"
+        )
     artifact = store.read(artifact_id)
     show = SCENES.of(artifact.kind)
     library = open_library(store, artifact)

@@ -36,12 +36,17 @@ def test_a_chain_goes_to_a_shared_store_and_back(chain: Path, tmp_path: Path) ->
 
 def test_what_cannot_be_done_is_one_line(chain: Path, tmp_path: Path) -> None:
     remote = f"file://{tmp_path}/remote"
+    (tmp_path / "file").touch()
     for code, words, said in (
         (1, ("download", remote, "tiny/compose"), "there are no artifacts at"),
         (1, ("ls", "--remote", remote), "there are no artifacts at"),
         (1, ("upload", f"file://{tmp_path}/not/there", "tiny/compose"), "there is no folder"),
         (1, ("upload", remote, "nobody"), "no artifact 'nobody'"),
         (2, ("upload", "ftp://host/x", "tiny/compose"), "expected an address"),
+        (1, ("upload", f"file://{tmp_path}/file", "tiny/compose"), "check the address"),
+        (2, ("upload", "file://r3", "tiny/compose"), f"did you mean file://{Path('r3').absolute()}?"),
+        (2, ("download", "file://tmp/r3", "tiny/compose"), "did you mean file:///tmp/r3?"),
+        (2, ("ls", "--remote", "file://localhost/mnt/r3"), "did you mean file:///mnt/r3?"),
         (2, ("ls", "--remote", remote, "--recipe", "smoke"), "do not go together"),
         (2, ("upload", remote), "Missing argument"),
     ):

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -51,6 +52,21 @@ def test_cells_are_ordinary_artifacts_and_are_used_again(tmp_path: Path) -> None
     assert [cell["id"] for cell in again["cells"]] == [cell["id"] for cell in first["cells"]]
     assert made("--store", root, "verify", "--all")["ok"]
     assert "training.iterations=3" in skill("--store", root, "show", "grid/sweep").out
+    _check_that_a_sweep_travels_with_its_cells(root, first, tmp_path)
+
+
+def _check_that_a_sweep_travels_with_its_cells(root: Path, sweep: dict[str, Any], tmp_path: Path) -> None:
+    remote, other = f"file://{tmp_path}/remote", tmp_path / "other"
+    cells = {cell["id"] for cell in sweep["cells"]}
+    told = skill("--store", root, "upload", remote, "grid/sweep")
+    assert told.code == 0 and all(f"transferred: {one}" in told.out for one in (*cells, sweep["id"])), told.out + told.err
+    told = skill("--store", root, "upload", remote, "grid/sweep")
+    assert "0 transferred" in told.out and f"already there: {sweep['id']}" in told.out
+    got = made("--store", other, "download", remote, "grid/sweep")
+    assert set(got["transferred"]) == {*cells, sweep["id"]} and made("--store", other, "verify", "--all")["ok"]
+    (root / f"{sweep['cells'][0]['id']}.h5").unlink()
+    told = skill("--store", root, "upload", f"file://{tmp_path}/third", "grid/sweep")
+    assert told.code == 0 and "not here: 1; run the sweep again" in told.out and "4 transferred" in told.out
 
 
 def test_a_killed_sweep_goes_on_where_it_was(tmp_path: Path) -> None:
@@ -91,6 +107,10 @@ def test_what_would_fail_in_every_cell_is_refused_before(tmp_path: Path) -> None
         (("--through", "report"), "--through"),
         (("--seeds", "3-1"), "--seeds"),
         (("--grid", "--random", "2", "--set", "training.iterations=2,3"), "--grid"),
+        (("--random", "2", "--optuna", "2"), "leave out --random\n"),
+        (("--ray", "--optuna", "2"), "leave out --ray\n"),
+        (("--metric", "success_rate"), "--metric goes with --optuna"),
+        (("--optuna", "2", "--metric", "foo", "--set", "training.iterations=2,3"), "--metric 'foo'"),
         (("--name", "x" * 63), "too long"),
         (("--name", "a/b"), "--name"),
     ):
@@ -118,6 +138,27 @@ def test_hashes_are_kept_as_numbers() -> None:
     assert len(sha) == 64 and sha_text(np.array(sha_words(sha))) == sha and sha_words("") == [0] * 8
 
 
+def _check_that_shared_runs_are_said(root: Path) -> None:
+    asked = ("--seeds", "0-1", *TINY_SET[2:], "--set", "training.iterations=2", "--name", "half")
+    assert made("--store", root, "sweep", "smoke", *asked)["reused"] == 2
+    both = ("compare", "grid/sweep", "half/sweep", "--metric", "success_rate")
+    found = made("--store", root, *both)
+    labels = [group["label"] for group in found["metrics"][0]["groups"]]
+    assert found["shared_runs"] == 2
+    assert labels == [
+        f"{sweep}-v1: training.iterations={n}" for sweep, n in (("grid/sweep", 2), ("grid/sweep", 3), ("half/sweep", 2))
+    ]
+    told = " ".join(skill("--store", root, *both).out.split())
+    assert "the groups share runs (2), so they are not independent" in told
+    Store(root).path(ArtifactId("half", "sweep", 1)).unlink()
+
+
+def _check_what_can_be_drawn(root: Path, tmp_path: Path) -> None:
+    refused = skill("--store", root, "viz", "grid/sweep")
+    assert refused.code == 1 and "compare grid/sweep-v1 --png FILE" in refused.err
+    assert made("--store", root, "viz", "-o", tmp_path / "newest.rrd")["id"].endswith("/pretrain-v1")
+
+
 def test_a_sweep_is_compared_and_reported(tmp_path: Path) -> None:
     root, page, figure = tmp_path / "store", tmp_path / "page.html", tmp_path / "figure.png"
     asked = ("--seeds", "0-1", *TINY_SET[2:], "--set", "training.iterations=2,3", "--name", "grid")
@@ -131,6 +172,9 @@ def test_a_sweep_is_compared_and_reported(tmp_path: Path) -> None:
     (pair,) = metric["probability_of_improvement"]
     assert pair["verdict"] == "too few runs to tell" and pair["pairs"] == 2 and pair["needed"] == 6
     assert [curve["n"][-1] for curve in found["sample_efficiency"]] == [2, 2] and figure.stat().st_size > 1000
+    assert found["shared_runs"] == 0
+    _check_that_shared_runs_are_said(root)
+    _check_what_can_be_drawn(root, tmp_path)
     by_hand = made("--store", root, "compare", *(f"grid.iterations-{n}.s{s}/pretrain" for n in (2, 3) for s in (0, 1)))
     same = by_hand["metrics"][0]["groups"]
     assert [group["iqm"] for group in same] == [group["iqm"] for group in metric["groups"]]

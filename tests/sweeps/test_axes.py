@@ -43,6 +43,18 @@ def test_an_axis_is_a_list_or_a_range() -> None:
             axis(wrong)
 
 
+def test_hints_about_ranges_name_what_was_typed() -> None:
+    for text, hint in (
+        ("a=3..1", "write 1..3"),
+        ("a=3..1:log", "write 1..3"),
+        ("a=0..1:log", "give ends above 0, or leave out :log"),
+        ("a=2..2", "give two different numbers, the lower one first"),
+    ):
+        with pytest.raises(UsageError) as refused:
+            axis(text)
+        assert refused.value.hint == hint
+
+
 def test_seeds_are_numbers_and_ranges() -> None:
     assert seeds("0-3") == [0, 1, 2, 3] and seeds("7") == [7] and seeds("0,2,5-7") == [0, 2, 5, 6, 7]
     for wrong in ("", "a", "3-1", "0,0", "0-3,2", "-1", "1-", "0-99999999", "1.5"):
