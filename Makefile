@@ -1,7 +1,9 @@
 # Everything runs from a local virtual environment; versions come from constraints.txt.
 PYTHON ?= python3
 BIN := .venv/bin
-PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist loadfile
+# One process more than there are cores: tests of drivers wait in real time.
+PROCESSES := $(shell $(PYTHON) -c "import os; print((os.cpu_count() or 1) + 1)")
+PYTEST := $(BIN)/python -m pytest --numprocesses $(PROCESSES) --dist loadfile
 
 .PHONY: install demo test quick fuzz check bench docs reference clean
 

@@ -71,7 +71,7 @@ def _check_that_a_sweep_travels_with_its_cells(root: Path, sweep: dict[str, Any]
 
 def test_a_killed_sweep_goes_on_where_it_was(tmp_path: Path) -> None:
     root = tmp_path / "store"
-    asked = ["--store", str(root), "--json", "sweep", "smoke", "--seeds", "0-3", *TINY_SET[2:]]
+    asked = ["--store", str(root), "--json", "sweep", "smoke", "--seeds", "0-1", *TINY_SET[2:]]
     asked += ["--set", "training.iterations=3", "--name", "killed", "--jobs", "1"]
     code = "import sys; sys.argv[0] = 'skill'; from skillcli.cli.main import main; main()"
     process = subprocess.Popen([sys.executable, "-c", code, *asked], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -84,7 +84,7 @@ def test_a_killed_sweep_goes_on_where_it_was(tmp_path: Path) -> None:
     found = made(*asked[:2], *asked[3:])
     assert found["failed"] == 0 and found["reused"] >= 1 and len(before) >= 1
     assert {path: path.stat().st_mtime_ns for path in before} == before
-    assert len(list(root.glob("killed*/pretrain-v*.h5"))) == 4, "none is there twice"
+    assert len(list(root.glob("killed*/pretrain-v*.h5"))) == 2, "none is there twice"
 
 
 def test_failures_are_kept_with_their_line(tmp_path: Path) -> None:
