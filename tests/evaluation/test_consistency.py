@@ -27,6 +27,8 @@ from skillcli.store import Artifact, ArtifactId, Store
 from skillcli.tasks.world import World
 from skillcli.viz.loading import scene_of
 
+pytestmark = pytest.mark.slow  # every artifact is read and judged
+
 Change = Callable[[dict[str, Any], dict[str, Any]], None]  # of arrays and recipe
 
 
@@ -67,7 +69,6 @@ def test_what_the_stages_write_means_what_it_says(chain: Path, push_chain: Path,
         assert store.verify(artifact, check_meaning) == []
 
 
-@pytest.mark.slow
 def test_every_shipped_artifact_means_what_it_says() -> None:
     store = Store(Path(__file__).parents[2] / "artifacts")
     shipped = [one for one in store.ids() if one.name.startswith("reference-")]

@@ -20,6 +20,8 @@ from skillcli.execution.policy_file import export_policy
 from skillcli.simulation.arms import ArmBatch
 from skillcli.store import ArtifactId, Store
 
+pytestmark = pytest.mark.slow  # ONNX files are written and run
+
 ROOT = Path(__file__).parents[2]
 REFERENCES = Store(ROOT / "artifacts")
 REACH, POINT = ArtifactId("reference-reach", "compose", 1), ArtifactId("reference-point", "pretrain", 1)
@@ -46,7 +48,6 @@ def reach(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("source", ALL, ids=str)
 def test_every_reference_library_is_exported_with_parity(source: ArtifactId, tmp_path: Path) -> None:
     written = export_policy(REFERENCES, source, tmp_path / "policy.onnx")
@@ -225,7 +226,6 @@ def test_random_observations_find_a_clip_that_no_recorded_one_reaches(tmp_path: 
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("robot", "joints"), [("so101", 5), ("ur5e", 6), ("panda", 7)])
 @pytest.mark.parametrize("more", [(), ("network.linear_latent=true", "task.observe_command=true", "network.policy_hidden=[]")])
 def test_arms_of_five_six_and_seven_joints_are_exported(robot: str, joints: int, more: tuple[str, ...], tmp_path: Path) -> None:

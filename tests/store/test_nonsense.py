@@ -16,6 +16,8 @@ from skillcli.kinds.record import Measured, Record, slots
 from skillcli.store import STAGES, ArtifactId, Draft, Store, import_file
 from skillcli.store.schema import check_parents
 
+pytestmark = pytest.mark.slow  # random files, many of them
+
 Make = Callable[..., Draft]
 
 
