@@ -268,6 +268,7 @@ def test_every_kind_becomes_a_recording_and_a_figure(chain: Path, tmp_path: Path
     assert png.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n" and png.stat().st_size > 20_000
 
 
+@pytest.mark.slow  # every recipe is resolved
 def test_what_is_available_is_listed() -> None:
     assert [recipe["name"] for recipe in made("recipes")["recipes"]] == recipe_names()
     shown = made("recipes", "show", "reach", "--set", "training.iterations=7")

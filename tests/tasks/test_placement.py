@@ -19,6 +19,8 @@ from skillcli.tasks.reach.placement import place_reach
 from skillcli.tasks.reach.settings import ReachTask
 from skillcli.tasks.world import World
 
+pytestmark = pytest.mark.slow  # postures are searched for
+
 TORQUE = Path(__file__).parent.parent / "robots" / "torque.toml"
 
 
