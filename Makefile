@@ -22,7 +22,7 @@ test: install
 	$(PYTEST)
 
 quick: install  # what neither trains nor takes more than a moment: less than a minute
-	$(PYTEST) -m "not slow"
+	$(PYTEST) --numprocesses auto -m "not slow"
 
 fuzz: install  # random damage to stored files and to HDF5's structures in them, a minute each; `make test` tries a little of it
 	SKILL_FUZZ=400 $(PYTEST) tests/store/test_fuzz.py tests/store/test_structure_fuzz.py
