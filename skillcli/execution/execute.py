@@ -23,7 +23,7 @@ from skillcli.execution.home import move_home
 from skillcli.execution.loop import Arm, fresh_reading
 from skillcli.execution.observed import ObservedArm
 from skillcli.execution.planner import PlannerProcess
-from skillcli.execution.replanned import play_replanned
+from skillcli.execution.replanned import moving_steps, play_replanned
 from skillcli.simulation.foresight import Foresight
 from skillcli.tasks.world import World
 from skillcli.trajectories import Array, Trajectories
@@ -112,8 +112,11 @@ class Executor:
 
     @property
     def seconds(self) -> float:
-        """Return how long the longest episode takes, s of the arm's time."""
-        return float(self._once.steps.max()) * self._period
+        """Return how long the arm moves in the longest episode, s of its time; at most, where it is planned again."""
+        steps = float(self._once.steps.max())
+        if self._planner is not None:
+            steps = max(moving_steps(self._planner, waypoints, self._asked.share) for waypoints in self._once.waypoints)
+        return steps * self._period
 
     def run(self, stop_asked: Callable[[], bool], on_episode: OnEpisode) -> Execution:
         """Execute all episodes; afterwards the arm holds.

@@ -17,6 +17,11 @@ SETTLE = 0.3  # s, in which an arm comes to rest at its target before it is look
 MOST_WAITING = 100  # times the longest episode, in all: the recording ends there
 
 
+def moving_steps(planner: PlannerProcess, waypoints: Array, share: float) -> float:
+    """Return in how many control steps of an episode to waypoints (W, 3) the arm moves at most; while it holds, none count."""
+    return LONGEST * planner.steps * len(waypoints) / share
+
+
 def play_replanned(arm: Arm, planner: PlannerProcess, waypoints: Array, seed: int, share: float = 1.0) -> Trajectories:
     """Play one episode on an arm at its start.
 
@@ -42,7 +47,8 @@ def play_replanned(arm: Arm, planner: PlannerProcess, waypoints: Array, seed: in
             # every recording has a step
             return None if t else (np.zeros((1, planner.latent_size)), np.array([-1]), np.array([True]))
 
-    recording, _ = rollout_closed_loop(arm, mission.act, condition, round(MOST_WAITING * LONGEST * steps / share))
+    most = round(MOST_WAITING * moving_steps(planner, waypoints, share))
+    recording, _ = rollout_closed_loop(arm, mission.act, condition, most)
     whole = arm.stopped is None
     if whole and mission.gave_up():
         recording = replace(recording, gave_up=np.ones(1, dtype=bool))

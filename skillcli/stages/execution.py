@@ -13,7 +13,6 @@ from skillcli.errors import Interrupted, UsageError
 from skillcli.evaluation.consistency import stored_recipe
 from skillcli.evaluation.episode_schedule import EpisodeSchedule
 from skillcli.evaluation.library import Library, open_library
-from skillcli.evaluation.replanned_episode import LONGEST
 from skillcli.evaluation.replanning import method_of
 from skillcli.evaluation.transfer_results import count_violations, outcome
 from skillcli.execution.drivers import open_driver
@@ -110,7 +109,7 @@ def execute(
         executor = Executor(library, world, once, driver, asked, planner, seed)
         if planner is not None:
             planner.wait()
-        if not asked.dry and not confirm(_announced(source, via, world, executor, asked, _moving(planner, once, world, asked))):
+        if not asked.dry and not confirm(_announced(source, via, world, executor, asked)):
             raise Interrupted("not confirmed: nothing was sent", "--yes answers yes")
         with stoppable() as stop:
             done = executor.run(lambda: stop.requested, _Told(asked.episodes, on_progress))
@@ -126,15 +125,7 @@ def _settings(via: Via, recipe: Recipe, seed: int) -> dict[str, object]:
     return {**own, **via.settings}
 
 
-def _moving(planner: PlannerProcess | None, once: EpisodeSchedule, world: World, asked: Asked) -> float:
-    """Return for how long the arm moves at most in an episode that is planned again, s; 0 for others."""
-    if planner is None:
-        return 0.0
-    steps = planner.steps * max(len(waypoints) for waypoints in once.waypoints)
-    return LONGEST * steps * world.task.control_period / asked.share
-
-
-def _announced(source: Artifact, via: Via, world: World, executor: Executor, asked: Asked, moving: float) -> list[str]:
+def _announced(source: Artifact, via: Via, world: World, executor: Executor, asked: Asked) -> list[str]:
     """Say what will happen, in some lines."""
     planned = executor.planned
     gap = 100 * metrics.final_distance(planned).max()
@@ -142,7 +133,7 @@ def _announced(source: Artifact, via: Via, world: World, executor: Executor, ask
     fastest = np.abs(np.diff(planned.joint_position, axis=1)).max() / world.task.control_period * asked.share
     lasts = f" of {executor.seconds:.1f} s at most"
     if asked.replan:
-        lasts = f"; the arm moves for {moving:.0f} s at most in each, and holds while it plans again"
+        lasts = f"; the arm moves for {executor.seconds:.0f} s at most in each, and holds while it plans again"
     return [
         f"{source.id} on {world.robot.name}, by the driver {via.driver}: {asked.episodes} "
         f"episode{'s' if asked.episodes > 1 else ''}{lasts}",
