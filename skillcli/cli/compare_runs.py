@@ -72,8 +72,7 @@ def table(result: MetricResult) -> Table:
     for column in rows.columns[1:]:
         column.justify = "right"
     for group in result.groups:
-        interval = f"{group.iqm.low:.4g} – {group.iqm.high:.4g}" if group.iqm.low == group.iqm.low else "one run"
-        rows.add_row(group.label, str(group.n), f"{group.iqm.value:.4g}", interval, f"{group.mean:.4g}")
+        rows.add_row(group.label, str(group.n), f"{group.iqm.value:.4g}", group.interval, f"{group.mean:.4g}")
     return rows
 
 

@@ -30,6 +30,11 @@ class GroupResult:
     mean: float
     profile: tuple[Array, Array, Array]  # share of runs above each threshold (T,), and both ends of its band
 
+    @property
+    def interval(self) -> str:
+        """Return the 95 % interval as people read it; one run has none."""
+        return f"{self.iqm.low:.4g} – {self.iqm.high:.4g}" if self.n > 1 else "one run"
+
 
 @dataclass(frozen=True)
 class PairResult:

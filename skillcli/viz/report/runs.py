@@ -47,13 +47,5 @@ def _comparison(store: Store, sweep: Artifact, slug: str) -> Comparison:
 
 
 def _metric(result: MetricResult) -> ComparedMetric:
-    groups = [
-        ComparedGroup(
-            group.label,
-            group.n,
-            f"{group.iqm.value:.4g}",
-            f"{group.iqm.low:.4g} – {group.iqm.high:.4g}" if group.n > 1 else "one run",
-        )
-        for group in result.groups
-    ]
+    groups = [ComparedGroup(group.label, group.n, f"{group.iqm.value:.4g}", group.interval) for group in result.groups]
     return ComparedMetric(result.name, groups, [sentence(pair) for pair in result.pairs[:MOST_PAIRS]])
