@@ -198,7 +198,7 @@ def show(context: typer.Context, source: Id = None) -> None:
         "parents": [{"id": str(parent.id), "content_sha256": parent.content_sha256} for parent in artifact.parents],
         "lineage": [str(one) for one in store.lineage(artifact.id)],
         "dependents": [str(one) for one in store.dependents(artifact.id)],
-        "pinned": artifact.id in store.pinned(),
+        "pinned": store.is_pinned(artifact.id),
         "packages": dict(artifact.packages),
         "git": {"commit": artifact.git_commit, "dirty": artifact.git_dirty},
         "model_sha256": artifact.model_sha256,

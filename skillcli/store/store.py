@@ -308,9 +308,7 @@ class Store:
         """
         self._existing(artifact_id)
         with locked(self.root) as still_held:
-            with storage_errors(f"look at the pins of {artifact_id}"):
-                pinned = pins.is_pinned(self._existing(artifact_id))
-            if pinned:
+            if self.is_pinned(artifact_id):
                 raise StoreError(f"cannot remove {artifact_id}: it is pinned", f"`skill unpin {artifact_id}` first")
             if needing := self._needing(artifact_id):
                 names = ", ".join(map(str, needing[:5])) + (" and more" if len(needing) > 5 else "")
@@ -331,6 +329,15 @@ class Store:
         self._existing(artifact_id)
         with locked(self.root), storage_errors(f"write in {self.root}"):
             (pins.pin if wanted else pins.unpin)(self._existing(artifact_id))
+
+    def is_pinned(self, artifact_id: ArtifactId) -> bool:
+        """Return whether an artifact is pinned, without a look at the rest of the store.
+
+        Raises:
+            StoreError: its folder cannot be read.
+        """
+        with storage_errors(f"look at the pins of {artifact_id}"):
+            return pins.is_pinned(self.path(artifact_id))
 
     def pinned(self) -> set[ArtifactId]:
         """Return all pinned artifacts."""
