@@ -21,6 +21,7 @@ from skillcli.learning.settings import LearningRecipe
 from skillcli.seeding import generator
 from skillcli.trajectories import Array
 
+LATELY = 10  # rollouts, whose success says which skills fail
 POOL_CAPACITY = 4096  # states; about sixteen rollouts of the default size
 
 
@@ -66,7 +67,8 @@ class Learner:
         self.agent.policy.bound(te_ppo.annealed_std(training.final_action_std, training.settle_from, progress))
         self._randomise()
         mixer = replace(self.mixer, share=self.recipe.mixtures.share_at(progress))
-        rollout = collect(self.env, self.agent, self.pool, training.chained_starts, self.rng, mixer, self.sees_goal)
+        chained = training.chained_starts
+        rollout = collect(self.env, self.agent, self.pool, chained, self.rng, mixer, self.sees_goal, self._odds())
         seen = (torch.from_numpy(rollout.observation).flatten(0, 1), torch.from_numpy(rollout.privileged).flatten(0, 1))
         # The first update needs statistics to normalise with, which move the policy's means a little from those of the rollout.
         if self.iteration == 0:
@@ -83,6 +85,14 @@ class Learner:
         for name, number in point.items():
             self.curves.setdefault(name, []).append(number)
         return point
+
+    def _odds(self) -> Array | None:
+        """Return how often each skill shall get an episode, (K,): those that failed of late more often; None if all alike."""
+        favour = self.recipe.training.favour_failing
+        if not favour or not self.iteration:
+            return None
+        success = [self.curves[f"success/{skill + 1}"][-LATELY:] for skill in range(self.agent.skills)]
+        return 1 - favour * np.mean(success, axis=1)
 
     def _randomise(self) -> None:
         """Draw new parameters and starts for every simulation; what is phased in applies to a growing share of them."""

@@ -121,10 +121,23 @@ class StartPool(RingBuffer):
         return self.sample(count, rng)[0]
 
 
-def start_episodes(env: VectorEnvironment, pool: StartPool, chained: float, rng: np.random.Generator) -> Array:
-    """Give every simulation a skill and a start; return the skills (N,), as evenly distributed as possible."""
-    first = rng.integers(len(env.goals))  # rotate the remainder so that no skill is systematically under-sampled
-    skills = rng.permutation((np.arange(env.num_envs) + first) % len(env.goals))
+def distribute(num_envs: int, odds: Array, rng: np.random.Generator) -> Array:
+    """Give every simulation a skill; return the skills (N,), each as often as its odds (K,) say, rounded up or down.
+
+    Even odds draw the numbers that trainings have always drawn.
+    """
+    if (odds == odds[0]).all():
+        first = rng.integers(len(odds))  # rotate the remainder so that no skill is systematically under-sampled
+        return rng.permutation((np.arange(num_envs) + first) % len(odds))
+    upper = np.cumsum(odds / odds.sum())[:-1]
+    return rng.permutation(np.searchsorted(upper, (np.arange(num_envs) + rng.random()) / num_envs, side="right"))
+
+
+def start_episodes(
+    env: VectorEnvironment, pool: StartPool, chained: float, rng: np.random.Generator, odds: Array | None = None
+) -> Array:
+    """Give every simulation a skill, with these odds (K,) or even ones, and a start; return the skills (N,)."""
+    skills = distribute(env.num_envs, np.ones(len(env.goals)) if odds is None else odds, rng)
     continued = rng.random(env.num_envs) < chained if pool.filled else np.zeros(env.num_envs, dtype=bool)
     fresh, kept = np.flatnonzero(~continued), np.flatnonzero(continued)
     if len(fresh):
@@ -143,6 +156,7 @@ def collect(
     rng: np.random.Generator,
     mixer: Mixer = UNMIXED,
     sees_goal: bool = False,
+    odds: Array | None = None,
 ) -> Rollout:
     """Run one episode in every simulation, and keep some of the passed states for later starts.
 
@@ -154,10 +168,11 @@ def collect(
         rng: of skills, latents, starts and exploration.
         mixer: makes mixtures of some skills.
         sees_goal: whether the value function observes the way to the goal.
+        odds: of the skills, (K,), None if they are even.
     """
     started = time.perf_counter()
     steps, num_envs = env.horizon, env.num_envs
-    skill, weights = mixer.mix(start_episodes(env, pool, chained, rng), agent.skills, rng)
+    skill, weights = mixer.mix(start_episodes(env, pool, chained, rng, odds), agent.skills, rng)
     if (mixed := np.flatnonzero(skill == MIXED)).size:
         env.mix_goals(mixed, weights[mixed])
     mean, std = agent.embed()

@@ -68,6 +68,13 @@ class Training(Section):
     chained_starts: float = value(
         0.7, "share of episodes that begin where an earlier rollout passed; the others begin at the start", "", ge=0, le=1
     )
+    favour_failing: float = optional_value(
+        0.0,
+        "episodes go more often to skills that fail: one that always succeeds gets this share fewer than one that always fails",
+        "",
+        ge=0,
+        lt=1,
+    )
     discount: float = value(0.99, "gamma", "1/step", ge=0, le=1)
     gae_lambda: float = value(0.95, "lambda of generalised advantage estimation", "", ge=0, le=1)
     epochs: int = value(5, "passes over each rollout", "", ge=1, le=100)

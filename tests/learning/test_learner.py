@@ -296,6 +296,20 @@ def test_chained_episodes_begin_where_earlier_ones_passed() -> None:
     assert np.bincount(skills).tolist() == [100] * 4
 
 
+def test_skills_that_fail_get_more_of_the_episodes() -> None:
+    env, rng, pool = make_env(PointTask(), 40), np.random.default_rng(0), StartPool(10)
+    assert np.bincount(start_episodes(env, pool, 0.0, rng, np.array([1.0, 0.2, 0.5, 0.3]))).tolist() == [20, 4, 10, 6]
+    drawn = [np.bincount(start_episodes(env, pool, 0.0, rng, np.array([1.0, 1.0, 1.0, 0.15]))) for _ in range(400)]
+    assert {*map(tuple, np.abs(np.array(drawn) - 40 / 3.15 * np.array([1, 1, 1, 0.15])).round(5) < 1)} == {(True,) * 4}
+    np.testing.assert_allclose(np.mean(drawn, axis=0), 40 / 3.15 * np.array([1, 1, 1, 0.15]), atol=0.1)
+
+    trained = learner(recipe=resolve(RECIPE.model_dump(mode="json"), ["training.favour_failing=0.8"]))
+    trained.curves = {f"success/{skill + 1}": [1.0] * 5 + [rate] * 10 for skill, rate in enumerate((0.0, 1.0, 0.5, 0.25))}
+    trained.iteration = 15
+    np.testing.assert_allclose(trained._odds(), [1.0, 0.2, 0.6, 0.8])
+    assert learner()._odds() is None, "as drawn without the key"
+
+
 def test_a_value_function_may_see_the_way_to_the_goal_and_nothing_else_does() -> None:
     recipe = resolve(RECIPE.model_dump(mode="json"), ["network.value_sees_goal=true", "training.chained_starts=0.0"])
     trained = learner(recipe=recipe)

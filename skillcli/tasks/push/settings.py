@@ -35,6 +35,9 @@ class PushTask(ArmTask):
         False, "the policy also sees where on the table the box is, as joints and relative position together tell"
     )
 
+    approach: float = optional_value(
+        0.5, "weight in the reward of the way from the finger to the place behind the box", "1/m", gt=0, le=10
+    )
     upright: float = optional_value(
         0.0,
         "weight in the reward of a finger that leans by more than 30 degrees from straight down",
