@@ -172,9 +172,9 @@ class PushEnvironment(ArmEnvironment):
         """Return the shaping terms, per control step; distances in m.
 
         - goal: minus 2 times the distance of box and goal: the task itself
-        - approach: minus `task.approach` times the finger's way to the point behind the box. It leads the finger round the box, since a
-          push from the wrong side makes the first term worse. The way is straight, but over the box while that is in the way
-          (`geometry.climb`). The term fades within 3 cm of the goal, where that point jumps.
+        - approach: minus `task.approach` times the finger's way to the point behind the box. It leads the finger round the
+          box, since a push from the wrong side makes the first term worse. The way is straight, but over the box while that is
+          in the way (`geometry.climb`). The term fades within 3 cm of the goal, where that point jumps.
         - near: plus 0.3 times a bonus that grows from 0 at 5 cm from the goal to 1 at the goal: it pays for the detour round
           the box that the last centimetres cost
         - struck: minus 5 times the square of the box's speed, in m/s: the box must be pushed, not struck. The final position
@@ -209,7 +209,8 @@ class PushEnvironment(ArmEnvironment):
         if self._task.upright:
             costs["leaning"] = self._task.upright * np.maximum(0.0, FREE_LEAN + self.arms.gripper_direction[:, 2])
         return RewardTerms(
-            earned={"goal": -2.0 * distance, "approach": -self._task.approach * finger * share(distance), "near": 0.3 * inside}, costs=costs
+            earned={"goal": -2.0 * distance, "approach": -self._task.approach * finger * share(distance), "near": 0.3 * inside},
+            costs=costs,
         )
 
     def _climb(self) -> Array:
