@@ -178,7 +178,8 @@ def efficiency(label: str, curves: Sequence[Curve]) -> Efficiency | None:
     first, last = min(float(each.steps[0]) for each in curves), max(float(each.steps[-1]) for each in curves)
     steps = np.linspace(first, last, POINTS)
     rows = np.stack([np.interp(steps, each.steps, each.success, left=np.nan, right=np.nan) for each in curves])
-    found = [statistics.estimate([column[np.isfinite(column)]]) for column in rows.T if np.isfinite(column).any()]
+    points = [column[np.isfinite(column)] for column in rows.T if np.isfinite(column).any()]
+    found = [statistics.estimate([point], resamples=statistics.QUICK_RESAMPLES) for point in points]
     kept = np.isfinite(rows).any(axis=0)
     return Efficiency(
         label,
