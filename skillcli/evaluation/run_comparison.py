@@ -9,9 +9,10 @@ import numpy as np
 
 from skillcli.errors import UsageError
 from skillcli.evaluation import statistics
-from skillcli.evaluation.run_groups import Curve, Group
+from skillcli.evaluation.run_groups import Curve, Group, curves_of
 from skillcli.evaluation.run_metrics import FIRST, higher_is_better
 from skillcli.evaluation.statistics import LEVEL, Estimate
+from skillcli.store import Store
 from skillcli.trajectories import Array
 
 POINTS = 41  # of a profile, and of a learning curve
@@ -85,8 +86,9 @@ def compare(groups: Sequence[Group], metric: str = "") -> list[MetricResult]:
     known = list(dict.fromkeys(name for group in groups for name in group.metrics))
     chosen = [name for name in known if metric in ("", name)] or [name for name in known if name.endswith(f".{metric}")]
     if not chosen:
-        told = f"no run has the metric {metric!r}" if metric else "no run is finished"
-        raise UsageError(told, f"metrics: {', '.join(known) or 'none'}")
+        if not known:
+            raise UsageError("no run is finished", "`skill show ID` of the sweep says why each one failed")
+        raise UsageError(f"no run has the metric {metric!r}", f"metrics: {', '.join(known)}")
     chosen.sort(key=lambda name: name != FIRST)
     return [found for name in chosen if (found := _of_metric(groups, name)).groups]
 
@@ -166,6 +168,11 @@ def sentence(pair: PairResult) -> str:
         f"{pair.first} {verdict} {pair.second}{tail}{more}; better with probability {pair.probability:.2f} "
         f"({low:.2f}–{high:.2f}), {runs}"
     )
+
+
+def learning_of(store: Store, groups: Sequence[Group]) -> list[Efficiency]:
+    """Summarise how each group learned, without groups that have no learning curves."""
+    return [found for group in groups if (found := efficiency(group.label, curves_of(store, group)))]
 
 
 def efficiency(label: str, curves: Sequence[Curve]) -> Efficiency | None:

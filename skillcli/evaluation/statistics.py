@@ -55,9 +55,7 @@ def resampled(strata: Strata, count: int, rng: np.random.Generator) -> Array:
     return np.concatenate([each[rng.integers(len(each), size=(count, len(each)))] for each in strata], axis=1)
 
 
-def estimate(
-    strata: Strata, statistic: Callable[[Array], Array] = iqm, seed: int = 0, resamples: int = RESAMPLES
-) -> Estimate:
+def estimate(strata: Strata, statistic: Callable[[Array], Array] = iqm, seed: int = 0, resamples: int = RESAMPLES) -> Estimate:
     """Estimate a statistic of all runs, with the percentile interval of a stratified bootstrap.
 
     Args:
