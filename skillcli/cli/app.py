@@ -95,14 +95,20 @@ def main() -> None:
     except SkillError as error:
         _fail(type(error).__name__, error.message, error.hint, error.exit_code)
     except typer.TyperException as error:
-        hint = "see `skill --help`" if error.exit_code == 2 else ""
-        _fail("UsageError", error.format_message(), hint, error.exit_code)
+        _fail("UsageError", error.format_message(), _help_of(error) if error.exit_code == 2 else "", error.exit_code)
     except (KeyboardInterrupt, typer.Abort):
         _fail(*INTERRUPTED)
     except Exception as error:
         if interrupt.pressed:  # extension modules turn Ctrl-C into an error of their own while they load
             _fail(*INTERRUPTED)
         _fail(type(error).__name__, *trouble.explain(error), 1)
+
+
+def _help_of(error: typer.TyperException) -> str:
+    """Name the help of the command that was misused."""
+    context = getattr(error, "ctx", None)
+    words = context.command_path.split()[1:] if context is not None else []
+    return f"see `{' '.join(['skill', *words, '--help'])}`"
 
 
 INTERRUPTED = ("Interrupted", "interrupted", "what was finished is in the store; a training goes on with --resume", 130)

@@ -41,13 +41,15 @@ def compare(
 
     from skillcli.evaluation import run_comparison
     from skillcli.evaluation.run_comparison import sentence
-    from skillcli.evaluation.run_groups import curves_of, groups_of, shared_runs
+    from skillcli.evaluation.run_groups import groups_of, shared_runs
+    from skillcli.evaluation.run_metrics import METRICS
+    from skillcli.kinds import SWEEP
 
     session: Session = context.obj
     store = session.store
-    groups = groups_of(store, [store.resolve(source) for source in sources])
+    groups = groups_of(store, [store.resolve(source, (SWEEP.name, *METRICS)) for source in sources])
     results = run_comparison.compare(groups, metric)
-    curves = [found for group in groups if (found := run_comparison.efficiency(group.label, curves_of(store, group)))]
+    curves = run_comparison.learning_of(store, groups)
     if png:
         from skillcli.viz.run_figure import write_figure
 

@@ -96,14 +96,14 @@ def identify(
 def _read(session: Session, source: str, robot: Robot, period: float | None) -> Log:
     from skillcli.execution.log import log_of_trajectories
     from skillcli.execution.log_files import is_log_file, read_log
+    from skillcli.kinds import RECORDED
     from skillcli.trajectories import Trajectories
 
     joints = robot.description.joints
     if is_log_file(source):
         return read_log(source, joints, period)
-    artifact = session.filled.read(session.filled.resolve(source, ()))
-    if not (arrays := artifact.group("trajectories")):
-        raise UsageError(f"{artifact.id} holds no trajectories", "give an execution, a transfer-eval, a compose, or a log file")
+    artifact = session.filled.read(session.filled.resolve(source, RECORDED))
+    arrays = artifact.group("trajectories")
     return log_of_trajectories(Trajectories(**arrays), joints, str(artifact.id), artifact.arrays.get("execution/commanded"))
 
 

@@ -14,7 +14,7 @@ import typer
 from skillcli.cli import complete
 from skillcli.cli.session import Session
 from skillcli.cli.stages import MADE_FROM
-from skillcli.errors import SkillError, UsageError
+from skillcli.errors import SkillError, StoreError, UsageError
 
 if TYPE_CHECKING:
     from subprocess import Popen
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from skillcli.simulation.domains import Domain
+    from skillcli.store import ArtifactId
 
 recipes_app = typer.Typer(help="Recipes: list them, or show one resolved.", invoke_without_command=True)
 
@@ -44,15 +45,23 @@ def viz(
     open_viewer: Annotated[bool, typer.Option("--open", help="Open the recording in the rerun viewer.")] = False,
     web: Annotated[bool, typer.Option("--web", help="Serve it to a browser on this machine only.")] = False,
 ) -> None:
-    """Write a rerun recording of any artifact: arm, goals, paths, latents, curves."""
+    """Write a rerun recording of any artifact: arm, goals, paths, latents, curves. Of a sweep, draw its settings compared."""
     session: Session = context.obj
     from skillcli.viz.formats import FORMATS
 
     if output is not None and output.suffix.lower().removeprefix(".") in FORMATS:
         raise UsageError(f"{output} has the suffix of a figure, but -o writes a recording", f"for a figure: --png {output}")
+    from skillcli.kinds import SWEEP
     from skillcli.viz.loading import SCENES
 
     found = session.pick(source, *(() if source else SCENES))
+    if found.stage == SWEEP.name:
+        if given := [word for word, value in (("-o", output), ("--open", open_viewer), ("--web", web)) if value]:
+            raise StoreError(
+                f"{found} is a sweep: there is no recording of one", f"leave out {' and '.join(given)} for a figure"
+            )
+        _viz_sweep(session, found, png)
+        return
     from skillcli.viz import viewer
     from skillcli.viz.visualise import record
 
@@ -68,6 +77,22 @@ def viz(
         _serve(viewer.serve_web(path))
     elif open_viewer:
         viewer.open_viewer(path)
+
+
+def _viz_sweep(session: Session, found: ArtifactId, png: Path | None) -> None:
+    """Draw the figure of `skill compare`: there is nothing to record."""
+    from rich.text import Text
+
+    from skillcli.cli import typed
+    from skillcli.viz.visualise import draw
+
+    path = png or Path(f"{found.name}-{found.stage}-v{found.version}.png")
+    draw(session.store, found, path)
+    session.result(
+        {"id": str(found), "rrd": None, "png": str(path), "entities": []},
+        f"{found}: {path}",
+        Text(typed.runnable(f"next: skill compare {found}   # the numbers; --metric NAME --png FILE draws another"), "dim"),
+    )
 
 
 def _serve(process: Popen[bytes]) -> None:

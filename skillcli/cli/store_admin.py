@@ -153,7 +153,9 @@ def _export_trajectories(session: Session, source: str | None, root: Path) -> No
         from skillcli.gym.minari_data import export_minari
     except ImportError:
         raise SkillError("--minari needs the package minari", "install it: pip install 'skillcli[minari]'") from None
-    found = session.pick(source)
+    from skillcli.kinds import RECORDED
+
+    found = session.pick(source, *RECORDED)
     artifact = session.store.read(found)
     folder = export_minari(artifact, root)
     episodes = len(artifact.arrays["trajectories/length"])

@@ -76,13 +76,16 @@ def sweep(
     from skillcli.stages.sweep import sweep as stage
     from skillcli.sweeps.axes import axis
     from skillcli.sweeps.axes import seeds as read_seeds
+    from skillcli.sweeps.cell import DONE, FAILED
     from skillcli.sweeps.local import available_cores
     from skillcli.sweeps.plan import SweepPlan
 
     began, session = time.monotonic(), context.obj
-    given = [word for word, value in (("--grid", grid), ("--random", random), ("--ray", ray)) if value]
+    given = [word for word, value in (("--grid", grid), ("--random", random)) if value]
     if optuna and given:
-        raise UsageError("--optuna chooses the settings itself, and runs here", f"leave out {' and '.join(given)}")
+        raise UsageError("--optuna chooses the settings itself", f"leave out {' and '.join(given)}")
+    if optuna and ray:
+        raise UsageError("--optuna runs on this machine only, in processes of its own", "leave out --ray")
     if metric is not None and not optuna:
         raise UsageError("--metric goes with --optuna", "give --optuna N, or `skill compare ID --metric NAME` afterwards")
     folder, axes = checked(name) or load_recipe(recipe).name, [axis(text) for text in overrides or ()]
@@ -108,16 +111,17 @@ def sweep(
     for failure in view.failures:
         session.say(failure, "red")
     best, text = _best(search) if search else (None, "")
+    reused, done = sum(outcome.reused for outcome in outcomes), any(outcome.state == DONE for outcome in outcomes)
     payload = {
         "id": str(artifact.id),
         "cells": listed(search.plan if search else plan, outcomes),
-        "failed": sum(outcome.state == "failed" for outcome in outcomes),
-        "reused": sum(outcome.reused for outcome in outcomes),
+        "failed": sum(outcome.state == FAILED for outcome in outcomes),
+        "reused": reused,
         "wall_seconds": time.monotonic() - began,
         **({"best": best} if search else {}),
     }
-    proposed = typed.runnable(f"next: skill compare {artifact.id}")
-    session.result(payload, table(artifact), *([text] if text else []), proposed)
+    proposed = [typed.runnable(f"next: skill compare {artifact.id}")] if done else []
+    session.result(payload, table(artifact, reused), *([text] if text else []), *proposed)
 
 
 def _search(session: Session, base: SweepPlan, axes: list[Axis], trials: int, metric: str) -> Search:

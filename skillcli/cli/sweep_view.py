@@ -10,12 +10,14 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from skillcli.kinds import SWEEP
+from skillcli.evaluation.run_metrics import FIRST, last_success
+from skillcli.kinds import PRETRAIN, SWEEP
 from skillcli.kinds.sweep import DONE, PRUNED
 from skillcli.store import Artifact
 from skillcli.sweeps import cell as states
 from skillcli.sweeps.axes import Setting
 from skillcli.sweeps.cell import Beat, Outcome
+from skillcli.trajectories import Array
 
 if TYPE_CHECKING:
     from skillcli.sweeps.plan import SweepPlan
@@ -63,7 +65,7 @@ class SweepView:
 
     def render(self) -> RenderableType:
         """Show the table as it stands."""
-        table = Table("cell", "state", "success", "time left", box=None, pad_edge=False)
+        table = Table("cell", "state", "success of the stage", "time left", box=None, pad_edge=False)
         room = max(0, ROWS - len(self._running))
         for outcome in self._ended[-room:] if room else ():
             told = "reused" if outcome.reused else outcome.state
@@ -102,6 +104,7 @@ def listed(plan: SweepPlan, outcomes: list[Outcome]) -> list[dict[str, Any]]:
             "id": outcome.ids[-1] if outcome.ids else None,
             "state": outcome.state,
             "reused": outcome.reused,
+            "metrics": dict(outcome.metrics),
             **({"message": outcome.message} if outcome.message else {}),
         }
         for outcome in outcomes
@@ -115,21 +118,25 @@ def _values(setting: Setting) -> dict[str, Any]:
     return {key: parsed_value(key, value) for key, value in setting}
 
 
-def table(artifact: Artifact) -> Group:
-    """Show one row for each setting of a sweep."""
-    found = SWEEP.results_of(artifact)
-    state, setting, success = (artifact.arrays.get(path) for path in ("cells/state", "cells/setting", "metrics/success_rate"))
-    assert state is not None and setting is not None
-    rows = Table("setting", "cells", "failed", "success")
+def table(artifact: Artifact, reused: int | None = None) -> Group:
+    """Show one row for each setting of a sweep, with the success of the last stage.
+
+    Args:
+        artifact: the sweep.
+        reused: cells that were there already this time; None for when the artifact was made.
+    """
+    found, metrics = SWEEP.results_of(artifact), artifact.group("metrics")
+    state, setting = artifact.arrays["cells/state"], artifact.arrays["cells/setting"]
+    shown = last_success(metrics)
+    rows = Table("setting", "cells", "failed", *([_title(name) for name in shown] or ["success"]))
     for index, each in enumerate(found.settings):
         own = setting == index
         done, pruned = int((state[own] == DONE).sum()), int((state[own] == PRUNED).sum())
-        values = [] if success is None else [float(value) for value in success[own & (state == DONE)] if value == value]
-        mean = f"{sum(values) / len(values):.1%}, mean of {len(values)}" if values else "–"
+        means = [_mean(metrics[name][own & (state == DONE)]) for name in shown] or ["–"]
         failed = int(own.sum()) - done - pruned
-        rows.add_row(each.label or found.through, f"{done}/{int(own.sum())}", str(failed or ""), mean)
-    measured = SWEEP.measured_of(artifact)
-    told = f"{found.cells} cells through {found.through}, {found.failed} failed; {measured.reused} were there already"
+        rows.add_row(each.label or found.through, f"{done}/{int(own.sum())}", str(failed or ""), *means)
+    already = SWEEP.measured_of(artifact).reused if reused is None else reused
+    told = f"{found.cells} cells through {found.through}, {found.failed} failed; {already} were there already"
     lines = [
         f"failed: {_label(found.settings[each.setting].label, each.seed)}: {each.message}"
         for each in found.failures[:TOLD_FAILURES]
@@ -137,13 +144,26 @@ def table(artifact: Artifact) -> Group:
     return Group(Text(str(artifact.id), "bold"), rows, "\n".join([told, *lines]))
 
 
+def _title(metric: str) -> str:
+    """Name the stage whose success a column shows, and the domain, if it has any."""
+    stage, _, domain = metric.removesuffix(FIRST).rstrip(".").partition(".")
+    return f"success of {stage or PRETRAIN.name}" + (f", {domain}" if domain else "")
+
+
+def _mean(values: Array) -> str:
+    """Write the mean of what is known."""
+    known = [float(value) for value in values if value == value]
+    return f"{sum(known) / len(known):.1%}, mean of {len(known)}" if known else "–"
+
+
 def _label(setting: str, seed: int) -> str:
     return f"{setting}, seed {seed}" if setting else f"seed {seed}"
 
 
 def _success(outcome: Outcome) -> str:
-    value = outcome.metrics.get("success_rate")
-    return "" if value is None else f"{value:.0%}"
+    """Write the success of a finished cell's last stage; of a transfer, the mean over its domains."""
+    values = [outcome.metrics[name] for name in last_success(outcome.metrics)]
+    return f"{sum(values) / len(values):.0%}" if values else ""
 
 
 def _clock(seconds: float) -> str:

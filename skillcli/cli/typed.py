@@ -15,7 +15,8 @@ SWITCHES = ("--json", "--quiet", "--debug")
 _PROPOSED = re.compile(
     r"(?P<before>^|`|: )skill (?=(?:pretrain|embed-means|compose|transfer-eval|run|demo|sweep|compare"
     r"|viz|report|ls|show|diff|verify|pin"
-    r"|unpin|rm|gc|export|import|upload|download|migrate|unlock|doctor)\b)"
+    r"|unpin|rm|gc|export|import|upload|download|migrate|unlock|doctor"
+    r"|execute|identify|play|robots|recipes|tasks|domains)\b|--help`)"
 )
 
 

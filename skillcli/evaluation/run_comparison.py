@@ -9,9 +9,10 @@ import numpy as np
 
 from skillcli.errors import UsageError
 from skillcli.evaluation import statistics
-from skillcli.evaluation.run_groups import Curve, Group
+from skillcli.evaluation.run_groups import Curve, Group, curves_of
 from skillcli.evaluation.run_metrics import FIRST, higher_is_better
 from skillcli.evaluation.statistics import LEVEL, Estimate
+from skillcli.store import Store
 from skillcli.trajectories import Array
 
 POINTS = 41  # of a profile, and of a learning curve
@@ -85,8 +86,9 @@ def compare(groups: Sequence[Group], metric: str = "") -> list[MetricResult]:
     known = list(dict.fromkeys(name for group in groups for name in group.metrics))
     chosen = [name for name in known if metric in ("", name)] or [name for name in known if name.endswith(f".{metric}")]
     if not chosen:
-        told = f"no run has the metric {metric!r}" if metric else "no run is finished"
-        raise UsageError(told, f"metrics: {', '.join(known) or 'none'}")
+        if not known:
+            raise UsageError("no run is finished", "`skill show ID` of the sweep says why each one failed")
+        raise UsageError(f"no run has the metric {metric!r}", f"metrics: {', '.join(known)}")
     chosen.sort(key=lambda name: name != FIRST)
     return [found for name in chosen if (found := _of_metric(groups, name)).groups]
 
@@ -168,6 +170,11 @@ def sentence(pair: PairResult) -> str:
     )
 
 
+def learning_of(store: Store, groups: Sequence[Group]) -> list[Efficiency]:
+    """Summarise how each group learned, without groups that have no learning curves."""
+    return [found for group in groups if (found := efficiency(group.label, curves_of(store, group)))]
+
+
 def efficiency(label: str, curves: Sequence[Curve]) -> Efficiency | None:
     """Summarise learning curves, which may have different lengths; each point counts the runs that came so far.
 
@@ -178,7 +185,8 @@ def efficiency(label: str, curves: Sequence[Curve]) -> Efficiency | None:
     first, last = min(float(each.steps[0]) for each in curves), max(float(each.steps[-1]) for each in curves)
     steps = np.linspace(first, last, POINTS)
     rows = np.stack([np.interp(steps, each.steps, each.success, left=np.nan, right=np.nan) for each in curves])
-    found = [statistics.estimate([column[np.isfinite(column)]]) for column in rows.T if np.isfinite(column).any()]
+    points = [column[np.isfinite(column)] for column in rows.T if np.isfinite(column).any()]
+    found = [statistics.estimate([point], resamples=statistics.QUICK_RESAMPLES) for point in points]
     kept = np.isfinite(rows).any(axis=0)
     return Efficiency(
         label,

@@ -38,6 +38,16 @@ def metric_names(stages: Sequence[str], domains: Sequence[str]) -> list[str]:
     return [name if stage == PRETRAIN.name else f"{stage}.{name}" for stage in stages for name in ends[stage]]
 
 
+def last_success(names: Iterable[str]) -> list[str]:
+    """Return the success among these metrics of a run: that of its last stage that has one, after a transfer of each domain."""
+    known = list(names)
+    for stage in (TRANSFER_EVAL.name, COMPOSE.name):
+        own = [name for name in known if name.startswith(f"{stage}.") and name.endswith(f".{FIRST}")]
+        if found := [name for name in own if name != f"{stage}.predicted.{FIRST}"]:
+            return found
+    return [FIRST] if FIRST in known else []
+
+
 def metrics_of(artifacts: Iterable[Artifact]) -> dict[str, float]:
     """Return the metrics of the artifacts of one run; those of training have their own name, others the stage in front.
 

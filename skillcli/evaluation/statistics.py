@@ -21,7 +21,10 @@ from skillcli.trajectories import Array
 Strata = Sequence[Array]
 """Scores of the runs of each stratum, (n_s,)."""
 
-RESAMPLES = 5_000
+RESAMPLES = 50_000  # then another seed moves the ends of an interval by less than a hundredth of its width
+QUICK_RESAMPLES = 5_000  # of each point of a curve
+_BAND_RESAMPLES = 1_000  # of a profile, and of a probability of improvement
+_BLOCK = 1 << 21  # scores that are drawn at once
 LEVEL = 0.05  # of false alarms
 EXACT = 20_000  # permutations up to which all of them are tried
 
@@ -52,18 +55,21 @@ def resampled(strata: Strata, count: int, rng: np.random.Generator) -> Array:
     return np.concatenate([each[rng.integers(len(each), size=(count, len(each)))] for each in strata], axis=1)
 
 
-def estimate(strata: Strata, statistic: Callable[[Array], Array] = iqm, seed: int = 0) -> Estimate:
+def estimate(strata: Strata, statistic: Callable[[Array], Array] = iqm, seed: int = 0, resamples: int = RESAMPLES) -> Estimate:
     """Estimate a statistic of all runs, with the percentile interval of a stratified bootstrap.
 
     Args:
         strata: scores.
         statistic: (…, n) to (…).
         seed: of the resamples.
+        resamples: how many.
     """
-    value = float(statistic(np.concatenate(list(strata))))
-    if sum(map(len, strata)) < 2:
+    value, runs = float(statistic(np.concatenate(list(strata)))), sum(map(len, strata))
+    if runs < 2:
         return Estimate(value, math.nan, math.nan)
-    draws = statistic(resampled(strata, RESAMPLES, generator(seed, "bootstrap")))
+    rng, block = generator(seed, "bootstrap"), max(1, _BLOCK // runs)
+    counts = (min(block, resamples - done) for done in range(0, resamples, block))
+    draws = np.concatenate([statistic(resampled(strata, count, rng)) for count in counts])
     low, high = np.quantile(draws, [LEVEL / 2, 1 - LEVEL / 2])
     return Estimate(value, float(low), float(high))
 
@@ -72,7 +78,7 @@ def profile(strata: Strata, thresholds: Array, seed: int = 0) -> tuple[Array, Ar
     """Compute the share of runs above each threshold τ (T,): the performance profile, and both ends of its band."""
     scores = np.concatenate(list(strata))
     share: Array = (scores[:, None] > thresholds).mean(axis=0)
-    draws = resampled(strata, RESAMPLES // 5, generator(seed, "profile"))
+    draws = resampled(strata, _BAND_RESAMPLES, generator(seed, "profile"))
     shares = (draws[:, :, None] > thresholds).mean(axis=1)
     low, high = np.quantile(shares, [LEVEL / 2, 1 - LEVEL / 2], axis=0)
     return share, low, high
@@ -89,7 +95,7 @@ def improvement(first: Strata, second: Strata) -> float:
 def improvement_interval(first: Strata, second: Strata, seed: int = 0) -> tuple[float, float]:
     """Compute the 95 % bootstrap interval of `improvement`, with runs drawn anew in both groups."""
     rng = generator(seed, "improvement")
-    draws = np.zeros(RESAMPLES // 5)
+    draws = np.zeros(_BAND_RESAMPLES)
     for a, b in zip(first, second, strict=True):
         chosen_a, chosen_b = (each[rng.integers(len(each), size=(len(draws), len(each)))] for each in (a, b))
         draws += _above(chosen_a, chosen_b) / len(first)

@@ -22,6 +22,7 @@ __all__ = [
     "KINDS",
     "PLAY",
     "PRETRAIN",
+    "RECORDED",
     "SWEEP",
     "TRANSFER_EVAL",
     "AnyKind",
@@ -37,6 +38,9 @@ KINDS: dict[str, AnyKind] = {
     spec.name: spec for spec in (PRETRAIN, EMBED_MEANS, COMPOSE, TRANSFER_EVAL, EXECUTION, PLAY, SWEEP)
 }
 """By name, in the order of a chain."""
+
+RECORDED = tuple(name for name, spec in KINDS.items() if spec.holds("trajectories"))
+"""Kinds with trajectories."""
 
 
 def kind_spec(kind: str, label: str = "it") -> AnyKind:

@@ -7,10 +7,12 @@ import re
 from collections.abc import Iterable, Sequence
 
 from skillcli.errors import StoreError, UnknownArtifact
+from skillcli.kinds import EXECUTION, KINDS, PRETRAIN, SWEEP
 from skillcli.store.ids import NAME, ArtifactId, file_pattern
 
 _PREFIX = re.compile(rf"{NAME}(/[a-z0-9-]*)?", re.ASCII)
 _SHOWN = 5
+_COMMANDS = {EXECUTION.name: "execute", SWEEP.name: "sweep RECIPE"}  # where it is not the name of the kind
 
 
 def match(text: str, known: Iterable[ArtifactId], kinds: Sequence[str] = ()) -> ArtifactId:
@@ -30,24 +32,40 @@ def match(text: str, known: Iterable[ArtifactId], kinds: Sequence[str] = ()) -> 
     known = list(known)
     found = _candidates(text, known)
     if not found:
-        raise unknown(text, known)
+        raise unknown(text, known, kinds)
     fitting = [one for one in found if not kinds or one.stage in kinds]
     if not fitting:
         raise StoreError(
             f"expected an artifact of kind {' or '.join(kinds)}, got {text!r}, which is {_listed(found)}",
-            _available([one for one in known if one.stage in kinds]),
+            _available(_related(found, [one for one in known if one.stage in kinds]), kinds, known),
         )
     if len({one.series for one in fitting}) > 1:
         raise UnknownArtifact(f"{text!r} could be {_listed(fitting)}", "type more of the id")
     return max(fitting)
 
 
-def unknown(text: str, known: Sequence[ArtifactId]) -> UnknownArtifact:
-    """Make the error for an unknown id; its hint lists similar ids, or else all available ones."""
-    names = sorted({str(one) for one in known} | {one.series for one in known})
+def unknown(text: str, known: Sequence[ArtifactId], kinds: Sequence[str] = ()) -> UnknownArtifact:
+    """Make the error for an unknown id; its hint lists similar ids, or else all available ones of the accepted kinds."""
+    fitting = [one for one in known if not kinds or one.stage in kinds]
+    names = sorted({str(one) for one in fitting} | {one.series for one in fitting})
     near = difflib.get_close_matches(text, names, n=3, cutoff=0.6)
-    hint = f"did you mean {' or '.join(near)}?" if near else _available(known)
+    hint = f"did you mean {' or '.join(near)}?" if near else _available(fitting, kinds, known)
     return UnknownArtifact(f"no artifact {text!r}", hint)
+
+
+def first_step(kinds: Sequence[str], known: Iterable[ArtifactId]) -> str:
+    """Propose a command: it makes an artifact of the first of these kinds, or what that has to be made from.
+
+    Args:
+        kinds: wanted; empty for any.
+        known: all existing ids.
+    """
+    wanted, there = kinds[0] if kinds else PRETRAIN.name, {one.stage for one in known}
+    step = wanted
+    while (parents := KINDS[step].made_from) and there.isdisjoint(parents):
+        step = parents[0]
+    command = f"`skill {_COMMANDS.get(step, step)}`"
+    return f"make one with {command}" if step == wanted else f"begin with {command}"
 
 
 def _candidates(text: str, known: Sequence[ArtifactId]) -> list[ArtifactId]:
@@ -57,8 +75,14 @@ def _candidates(text: str, known: Sequence[ArtifactId]) -> list[ArtifactId]:
     return [one for one in known if one.name == text] or [one for one in known if str(one).startswith(text)]
 
 
-def _available(known: Sequence[ArtifactId]) -> str:
-    return f"available: {_listed(known)}" if known else "there are none yet"
+def _related(found: Sequence[ArtifactId], fitting: Sequence[ArtifactId]) -> Sequence[ArtifactId]:
+    """Return those of the same runs, or of a sweep's cells, if there are any."""
+    names = {one.name for one in found}
+    return [one for one in fitting if any(f"{one.name}.".startswith(f"{name}.") for name in names)] or fitting
+
+
+def _available(fitting: Sequence[ArtifactId], kinds: Sequence[str], known: Iterable[ArtifactId]) -> str:
+    return f"available: {_listed(fitting)}" if fitting else f"there are none yet: {first_step(kinds, known)}"
 
 
 def _listed(ids: Iterable[ArtifactId]) -> str:

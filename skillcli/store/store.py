@@ -18,7 +18,7 @@ from skillcli.store.ids import ArtifactId, check_name
 from skillcli.store.listing import Listing
 from skillcli.store.lock import locked
 from skillcli.store.migrate import migrated
-from skillcli.store.resolve import match, unknown
+from skillcli.store.resolve import first_step, match, unknown
 
 
 @dataclass(frozen=True)
@@ -174,8 +174,7 @@ class Store:
         fitting = [header.id for header in self.headers() if not kinds or header.kind in kinds]
         if not fitting:
             wanted = " or ".join(kinds) or "any kind"
-            hint = f"make one with `skill {kinds[0] if kinds else 'pretrain'}`"
-            raise UnknownArtifact(f"there is no artifact of {wanted} in {self.root}", hint)
+            raise UnknownArtifact(f"there is no artifact of {wanted} in {self.root}", first_step(kinds, self.ids()))
         return fitting[-1]
 
     def header(self, artifact_id: ArtifactId) -> Header:

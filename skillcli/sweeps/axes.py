@@ -118,7 +118,10 @@ def seeds(text: str) -> list[int]:
     for part in text.split(","):
         ends = re.fullmatch(r"\s*(\d{1,18})\s*(?:-\s*(\d{1,18})\s*)?", part, re.ASCII)
         if not ends:
-            raise UsageError(f"--seeds {text!r}: expected numbers and ranges", "for example --seeds 0-9 or --seeds 0,2,5-7")
+            raise UsageError(
+                f"--seeds {text!r}: expected numbers of at most 18 digits, and ranges",
+                "for example --seeds 0-9 or --seeds 0,2,5-7",
+            )
         low, high = int(ends[1]), int(ends[2] or ends[1])
         if high < low:
             raise UsageError(f"--seeds {text!r}: {low}-{high} holds none", f"write {high}-{low}")

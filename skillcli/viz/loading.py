@@ -46,7 +46,7 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
     """
     if artifact_id.stage == SWEEP.name:
         raise StoreError(
-            f"{artifact_id} is a sweep: there is no recording of one", f"for a figure: `skill compare {artifact_id} --png FILE`"
+            f"{artifact_id} is a sweep: there is no recording of one", f"for a figure: `skill viz {artifact_id} --png FILE`"
         )
     artifact = store.read(artifact_id)
     show = SCENES.of(artifact.kind)

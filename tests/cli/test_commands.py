@@ -47,8 +47,11 @@ BAD = [
     (["pretrain", "point", "--threads", "-1"], 2, ["--threads"]),
     (["pretrain", "point", "--name", "../away"], 2, ["../away", "NAME of letters"]),
     (["pretrain", "--seed"], 2, ["--seed"]),
-    (["prtrain"], 2, ["prtrain"]),
-    (["ls", "--nonsense"], 2, ["--nonsense"]),
+    (["prtrain"], 2, ["prtrain", "--help`"]),
+    (["ls", "--nonsense"], 2, ["--nonsense", " ls --help`"]),
+    (["pretrain", "--sed", "3"], 2, ["--seed", " pretrain --help`"]),
+    (["recipes", "show"], 2, ["Missing argument", " recipes show --help`"]),
+    (["robots", "shw"], 2, ["shw", " robots --help`"]),
     (["embed-means", "nobody/pretrain"], 1, ["no artifact 'nobody/pretrain'", "tiny"]),
     (["embed-means", "tiny/compose-v1"], 1, ["expected an artifact of kind pretrain", "tiny/pretrain"]),
     (["compose", "tiny/embed-means", "--goal", "nan,0,0.2"], 2, ["not finite", "--goal"]),
@@ -88,8 +91,33 @@ def test_bad_input_ends_in_one_clear_line_and_leaves_the_store_as_it_was(
 @pytest.mark.parametrize("kind", CHAIN)
 def test_an_empty_store_says_how_to_fill_it(tmp_path: Path, kind: str) -> None:
     words = {"pretrain": "embed-means", "embed-means": "compose", "compose": "transfer-eval", "transfer-eval": "show"}
-    check_failure(skill("--store", tmp_path / "none", "--json", words[kind]), 1, "there is no artifact", "skill ")
+    said = "make one with" if words[kind] in ("embed-means", "show") else "begin with"
+    check_failure(skill("--store", tmp_path / "none", "--json", words[kind]), 1, "there is no artifact", said, " pretrain`")
+    check_failure(skill("--store", tmp_path / "none", "--json", words[kind], "a"), 1, "no artifact 'a'", said, " pretrain`")
     assert not (tmp_path / "none").exists()
+
+
+def test_what_is_missing_is_proposed_with_the_stage_that_can_run_now(tmp_path: Path, copy: Path) -> None:
+    check_failure(skill("--store", tmp_path / "none", "--json", "compare", "a"), 1, "no artifact 'a'", " sweep RECIPE`")
+    (copy / "tiny" / "transfer-eval-v1.h5").unlink()
+    (copy / "tiny" / "compose-v1.h5").unlink()
+    check_failure(skill("--store", copy, "--json", "transfer-eval"), 1, "no artifact of compose", "make one with", " compose`")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("compose", "tiny/transfer-eval"),
+        ("execute", "tiny/transfer-eval"),
+        ("export", "tiny/transfer-eval", "--onnx", "x.onnx"),
+        ("play", "tiny/compose"),
+        ("embed-means", "tiny/embed-means"),
+    ],
+)
+def test_an_artifact_of_the_wrong_kind_has_one_exit_code_and_the_ones_that_fit_are_named(
+    chain: Path, words: tuple[str, ...]
+) -> None:
+    check_failure(skill("--store", chain, "--json", *words), 1, "expected an artifact of kind", "available: tiny/")
 
 
 @pytest.mark.parametrize("words", [["pretrain", "point"], ["run", "smoke"], ["ls"], ["show", "tiny/pretrain"]])

@@ -2,12 +2,31 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy import stats
 
 from skillcli.evaluation import statistics
 from skillcli.evaluation.statistics import PermutationTest
+
+PUBLISHED: dict[str, Any] = json.loads(Path(__file__).with_name("published_scores.json").read_text())
+"""Scores of runs, from the sources that the file names."""
+
+
+def atari(method: str) -> list[np.ndarray]:
+    """Return the human-normalised scores of the 5 runs of each of 26 games."""
+    random, human = PUBLISHED["atari_100k"]["random"], PUBLISHED["atari_100k"]["human"]
+    scores: dict[str, list[float]] = PUBLISHED["atari_100k"][method]
+    return [(np.array(runs) - random[game]) / (human[game] - random[game]) for game, runs in scores.items()]
+
+
+def drq() -> np.ndarray:
+    """Return the returns of 19 tasks with 10 runs each, as shares of the largest return."""
+    return np.array(list(PUBLISHED["dm_control_pixels"]["DrQ"].values())) / 1000
 
 
 def test_the_interquartile_mean_leaves_out_a_quarter_at_each_end() -> None:
@@ -21,6 +40,40 @@ def test_the_interquartile_mean_leaves_out_a_quarter_at_each_end() -> None:
 def test_the_interquartile_mean_of_a_published_sample_is_the_published_one() -> None:
     # Wikipedia, "Interquartile mean", example of a data set whose size is divisible by four
     assert statistics.iqm(np.array([5, 8, 4, 38, 8, 6, 9, 7, 7, 3, 1, 6])) == 6.5
+
+
+@pytest.mark.parametrize(("method", "iqm", "mean"), [("IRIS", 0.501, 1.046), ("SimPLe", 0.130, 0.332)])
+def test_the_interquartile_mean_of_published_runs_is_the_published_one(method: str, iqm: float, mean: float) -> None:
+    scores = np.concatenate(atari(method))
+    assert scores.shape == (26 * 5,)
+    # published to three digits
+    assert abs(statistics.iqm(scores) - iqm) < 0.5e-3 and abs(scores.mean() - mean) < 0.5e-3
+
+
+def test_the_interval_of_published_runs_is_the_published_one() -> None:
+    # README: IQM 569 (475, 662), mean 535 (481, 589) of 1000. Only resamples that keep the tasks of each run give these.
+    returns = list(drq().T)
+    found = statistics.estimate(returns)
+    assert (found.value, found.low, found.high) == pytest.approx((0.569, 0.475, 0.662), abs=1e-3)
+    mean = statistics.estimate(returns, lambda scores: scores.mean(axis=-1))
+    assert (mean.value, mean.low, mean.high) == pytest.approx((0.535, 0.481, 0.589), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("scores", "low", "high"),
+    [(atari("IRIS"), 0.4419, 0.5643), (atari("SimPLe"), 0.0989, 0.1672), (list(drq()), 0.5249, 0.6131)],
+)
+def test_the_interval_by_task_is_that_of_rliable(scores: list[np.ndarray], low: float, high: float) -> None:
+    # rliable 1.2.0, get_interval_estimates with reps=50000, mean of its seeds 0 and 1, which differ by up to 0.0005
+    found = statistics.estimate(scores)
+    assert (found.low, found.high) == pytest.approx((low, high), abs=1e-3)
+
+
+def test_resamples_in_blocks_are_no_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    scores = atari("IRIS")
+    monkeypatch.setattr(statistics, "_BLOCK", 130 * 70)
+    found = statistics.estimate(scores)
+    assert (found.low, found.high) == pytest.approx((0.4419, 0.5643), abs=1e-3)
 
 
 def test_the_interval_is_that_of_scipys_bootstrap() -> None:

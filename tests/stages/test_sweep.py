@@ -49,7 +49,9 @@ def test_cells_are_ordinary_artifacts_and_are_used_again(tmp_path: Path) -> None
     assert [sha_text(words) for words in sweep.arrays["cells/content"]] == contents
     again = made("--store", root, *asked)
     assert again["id"] == first["id"] and again["reused"] == 4
-    assert [cell["id"] for cell in again["cells"]] == [cell["id"] for cell in first["cells"]]
+    for key in ("id", "metrics"):
+        assert [cell[key] for cell in again["cells"]] == [cell[key] for cell in first["cells"]]
+    assert all("success_rate" in cell["metrics"] for cell in again["cells"])
     assert made("--store", root, "verify", "--all")["ok"]
     assert "training.iterations=3" in skill("--store", root, "show", "grid/sweep").out
     _check_that_a_sweep_travels_with_its_cells(root, first, tmp_path)
@@ -97,7 +99,18 @@ def test_failures_are_kept_with_their_line(tmp_path: Path) -> None:
     stored = SWEEP.results_of(Store(root).read(ArtifactId.parse(found["id"])))
     assert stored.failed == 1 and stored.failures[0].message == found["cells"][1]["message"]
     told = skill("--store", root, *asked)
-    assert told.code == 0 and "failed: task.goals" in told.err
+    assert told.code == 0 and "failed: task.goals" in told.err and "1 were there already" in told.out
+    compared = skill("--store", root, "compare", "odd/sweep", "--metric", "speed")
+    assert compared.code == 2 and "success_rate" in compared.err
+
+
+def test_of_a_sweep_without_a_finished_run_it_is_said_where_the_reasons_are(tmp_path: Path) -> None:
+    root = tmp_path / "store"
+    told = skill("--store", root, "sweep", "smoke", "--seeds", "0", "--set", "task.goals=[[9.0,0.0,0.2]]", "--name", "none")
+    assert told.code == 0 and "1 failed" in told.out and "next:" not in told.out
+    for words in (("compare",), ("viz",)):
+        refused = skill("--store", root, *words, "none/sweep")
+        assert refused.code == 2 and "no run is finished" in refused.err and "show ID` of the sweep" in refused.err
 
 
 def test_what_would_fail_in_every_cell_is_refused_before(tmp_path: Path) -> None:
@@ -108,7 +121,7 @@ def test_what_would_fail_in_every_cell_is_refused_before(tmp_path: Path) -> None
         (("--seeds", "3-1"), "--seeds"),
         (("--grid", "--random", "2", "--set", "training.iterations=2,3"), "--grid"),
         (("--random", "2", "--optuna", "2"), "leave out --random\n"),
-        (("--ray", "--optuna", "2"), "leave out --ray\n"),
+        (("--ray", "--optuna", "2"), "--optuna runs on this machine only"),
         (("--metric", "success_rate"), "--metric goes with --optuna"),
         (("--optuna", "2", "--metric", "foo", "--set", "training.iterations=2,3"), "--metric 'foo'"),
         (("--name", "x" * 63), "too long"),
@@ -154,8 +167,10 @@ def _check_that_shared_runs_are_said(root: Path) -> None:
 
 
 def _check_what_can_be_drawn(root: Path, tmp_path: Path) -> None:
-    refused = skill("--store", root, "viz", "grid/sweep")
-    assert refused.code == 1 and "compare grid/sweep-v1 --png FILE" in refused.err
+    drawn = made("--store", root, "viz", "grid/sweep", "--png", tmp_path / "drawn.svg")
+    assert (drawn["rrd"], drawn["entities"]) == (None, []) and (tmp_path / "drawn.svg").stat().st_size > 1000
+    refused = skill("--store", root, "viz", "grid/sweep", "--web", "-o", tmp_path / "x.rrd")
+    assert refused.code == 1 and "leave out -o and --web" in refused.err and not (tmp_path / "x.rrd").exists()
     assert made("--store", root, "viz", "-o", tmp_path / "newest.rrd")["id"].endswith("/pretrain-v1")
 
 

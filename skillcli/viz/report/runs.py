@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from skillcli.errors import SkillError
-from skillcli.evaluation.run_comparison import MetricResult, compare, efficiency, sentence
-from skillcli.evaluation.run_groups import curves_of, groups_of
+from skillcli.evaluation.run_comparison import MetricResult, compare, learning_of, sentence
+from skillcli.evaluation.run_groups import groups_of
 from skillcli.store import Artifact, Store
 from skillcli.viz.figure_style import encoded, styled
 from skillcli.viz.formats import FORMATS
@@ -34,9 +34,8 @@ def compare_sweeps(store: Store, sweeps: Sequence[Artifact]) -> tuple[list[Compa
 def _comparison(store: Store, sweep: Artifact, slug: str) -> Comparison:
     groups = groups_of(store, [sweep.id])
     results = compare(groups)
-    curves = [curve for group in groups if (curve := efficiency(group.label, curves_of(store, group)))]
     with styled():
-        drawn = draw_comparison(results[0], curves)
+        drawn = draw_comparison(results[0], learning_of(store, groups))
         files = {suffix: encoded(drawn, suffix) for suffix in FORMATS}
     caption = (
         f"Of {results[0].name}: interquartile means, performance profiles, success over control steps of training, and the "
