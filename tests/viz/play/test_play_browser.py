@@ -1,4 +1,4 @@
-"""The page in Debian's Chromium: a slider, a skill, a click on the pad, a goal that is dragged and planned to."""
+"""The page in Debian's Chromium: a slider, a skill, a click and a drag on the pad, a goal that is dragged and planned to."""
 
 from __future__ import annotations
 
@@ -102,8 +102,13 @@ def page(
         browser.close()
 
 
+def on_pad(pad: Any, latent: Any) -> Any:
+    """Where the first two dimensions of a latent are on the pad, (3,) m."""
+    return pad.center + ((latent - pad._middle) * pad._scale) @ pad.axes[:2]
+
+
 def test_what_is_pressed_moved_and_dragged_in_a_browser_happens(
-    page: tuple[PlaySession, loop.Rate, Page, list[str], list[Any]],
+    page: tuple[PlaySession, loop.Rate, Page, list[str], list[Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     session, _, browser, asked, (pad,) = page
     browser.press("2")
@@ -115,9 +120,17 @@ def test_what_is_pressed_moved_and_dragged_in_a_browser_happens(
     assert session.latent[1:].tolist() == before[1:].tolist() and session.status().skill == "latent"
 
     wanted = np.array([0.2, -0.3])
-    where = pad.center + ((wanted - pad._middle) * pad._scale) @ pad.axes[:2]
-    browser.page.mouse.click(*browser.place(where))
+    browser.page.mouse.click(*browser.place(on_pad(pad, wanted)))
     assert eventually(lambda: bool(np.abs(session.latent[:2] - wanted).max() < 0.1), PATIENCE), session.latent
+
+    held, third, end = list[Any](), session.latent[2], np.array([-0.6, 0.5])
+    hold = session.hold_latent
+    monkeypatch.setattr(session, "hold_latent", lambda latent: (held.append(latent.copy()), hold(latent)))
+    browser.drag(on_pad(pad, np.array([0.6, -0.4])), on_pad(pad, end))
+    assert eventually(lambda: bool(np.abs(session.latent[:2] - end).max() < 0.1), PATIENCE), session.latent
+    on_the_way = [latent for latent in held if np.abs(latent[:2] - [0.0, 0.05]).max() < 0.4]
+    assert on_the_way, "the arm follows while the button is down"
+    assert all(latent[2] == third for latent in held), "the third dimension stays"
 
     browser.press("reset")
     assert eventually(lambda: session.status().seconds == 0, PATIENCE)

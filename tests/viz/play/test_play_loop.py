@@ -11,9 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command import TINY_SET, made
 
 from skillcli.errors import SkillError
-from skillcli.evaluation.library import Library
+from skillcli.evaluation.library import Library, open_library
+from skillcli.store import ArtifactId, Store
 from skillcli.viz.play import loop
 from skillcli.viz.play.session import PlaySession
 from skillcli.viz.play.state import Pose
@@ -112,6 +114,70 @@ def test_lost_and_slow_browsers_keep_nobody_waiting(reach: Library) -> None:
         slow.socket.close()
         live.socket.close()
     assert not session.step(), "closed with its server"
+
+
+def tell(browser: Any, message: Any) -> None:
+    """Send a message of viser as its page does."""
+    msgpack = pytest.importorskip("msgspec").msgpack
+    browser.send(msgpack.encode({"type": type(message).__name__, **vars(message)}))
+
+
+def test_drags_on_the_pad_and_of_the_goal_are_followed(reach: Library, monkeypatch: pytest.MonkeyPatch) -> None:
+    messages = pytest.importorskip("viser._messages")
+    from skillcli.viz.play import serve
+
+    pads: list[serve.Pad] = []
+
+    class SeenPad(serve.Pad):
+        def __init__(self, *given: Any) -> None:
+            super().__init__(*given)
+            pads.append(self)
+
+    monkeypatch.setattr(serve, "Pad", SeenPad)
+    session = PlaySession(reach)
+    third, eye = session.latent[2], np.array([1.5, -2.0, 1.2])
+    with served(session, loop.Rate()) as url, connected(url) as browser:
+        look = {"look_at": (0.5, 0.0, 0.2), "up_direction": (0.0, 0.0, 1.0), "image_height": 560, "image_width": 860}
+        camera = {"wxyz": (1.0, 0.0, 0.0, 0.0), "position": tuple(eye.tolist()), "fov": 1.0, "near": 0.01, "far": 100.0, **look}
+        tell(browser, messages.ViewerCameraMessage(**camera))
+        (pad,) = pads
+        for phase, wanted in (("start", [0.5, -0.4]), ("update", [0.1, 0.2]), ("update", [-0.3, 0.6]), ("end", [-0.3, 0.6])):
+            place = np.array(pad.axes[:2].T @ ((np.array(wanted) - pad._middle) * pad._scale) + pad.center)
+            pointer = tuple((eye + 0.5 * (place - eye)).tolist())  # the page tells a point on the ray, not on the board
+            tell(
+                browser,
+                messages.SceneNodeDragMessage(
+                    phase=phase, name="/pad/board", instance_index=None, start_position=pointer, start_screen_pos=(0.0, 0.0),
+                    end_position=pointer, end_screen_pos=(0.0, 0.0), button="left", modifier=None,
+                ),
+            )  # fmt: skip
+            assert eventually(lambda wanted=wanted: np.allclose(session.latent[:2], wanted, atol=1e-6)), session.latent  # type: ignore[misc]
+        assert session.latent[2] == third and session.status().skill == "latent"
+        for goal in ((0.55, 0.1, 0.2), (0.6, -0.1, 0.25)):
+            tell(browser, messages.TransformControlsUpdateMessage(name="/goal", wxyz=(1.0, 0.0, 0.0, 0.0), position=goal))
+            assert eventually(lambda goal=goal: np.allclose(session.goal, goal)), session.goal  # type: ignore[misc]
+        browser.socket.close()
+
+
+@pytest.mark.parametrize(("recipe", "joints"), [("reach-so101", 5), ("reach-ur5e", 6), ("reach-panda", 7)])
+def test_two_browsers_share_an_arm_of_any_build(recipe: str, joints: int, tmp_path: Path) -> None:
+    made("--store", tmp_path, "pretrain", recipe, "--name", "tiny", *TINY_SET)
+    store = Store(tmp_path)
+    session, rate = PlaySession(open_library(store, store.read(ArtifactId("tiny", "pretrain", 1)))), loop.Rate()
+    with served(session, rate) as url, connected(url) as first, connected(url) as second:
+        for browser in (first, second):
+            assert len(browser.recv(timeout=30)) > 0
+        session.hold_skill(1)
+        assert eventually(lambda: session.status().seconds > 0.5)
+        for browser in (first, second):
+            received, end = 0, time.monotonic() + 10
+            while received < 1000 and time.monotonic() < end:
+                received += len(browser.recv(timeout=10))
+            assert received >= 1000, "both get what moves"
+        pose = session.pose()
+        assert pose.joint_position is not None and pose.joint_position.shape == (joints,)
+        for browser in (first, second):
+            browser.socket.close()
 
 
 def test_another_robot_takes_the_place_of_the_first_in_the_scene(reach: Library, tmp_path: Path) -> None:
