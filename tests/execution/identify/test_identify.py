@@ -7,6 +7,7 @@ import pytest
 from execution.logs import LIMIT, NAMES, SAWYER, recorded, wandering
 
 from skillcli.execution.identify.identify import identify
+from skillcli.trajectories import Array
 
 pytestmark = pytest.mark.slow
 
@@ -15,7 +16,7 @@ RESPONSE = np.array([0.8, 0.9, 1.1, 1.0, 0.85, 1.2, 1.0])
 
 
 @pytest.mark.parametrize("response", [None, RESPONSE])
-def test_increments_have_a_scale_only_where_the_log_says_so(response: np.ndarray | None) -> None:
+def test_increments_have_a_scale_only_where_the_log_says_so(response: Array | None) -> None:
     true = {"gain": GAIN, "latency": 0.05} | ({} if response is None else {"command_response": response})
     found = identify(recorded(true, wandering(100), noise=0.002, as_targets=False), SAWYER, LIMIT, threads=1)
     assert found.kept and found.parameters["latency"].value == pytest.approx(0.05)
