@@ -52,6 +52,14 @@ class Fit:
         return float(np.sum(np.isfinite(self.residual).all(axis=2)) * np.log(variance).sum())
 
     @property
+    def log_evidence(self) -> float:
+        """Return how likely the log is whatever the numbers are, logarithm up to a constant, by Laplace's approximation.
+
+        It compares fits that turn different knobs with the same noise: a knob that explains little counts against a fit.
+        """
+        return float(np.linalg.slogdet(self.covariance)[1] - self.cost) / 2
+
+    @property
     def parameters(self) -> dict[str, Array]:
         """Return all parameters by name."""
         return {**self.knobs.parameters(self.x), "latency": np.array(self.latency)}

@@ -88,7 +88,7 @@ def identify(log: Log, robot: Robot, action_limit: float, on_progress: OnProgres
         found, late = _fitted(best, everything, found)
     tell(4, "zeros and tool")
     tool = fit_tool(ForwardKinematics(robot), log)
-    parameters = _estimates(found, late, best.meaning) if kept else _nothing(log.joints, log.increments)
+    parameters = _estimates(found, late, best.meaning) if kept else _nothing(found.knobs)
     if not kept:
         errors = [Errors(each.nominal, each.nominal, each.unmoved) for each in errors]
     tell(STAGES, "done")
@@ -123,24 +123,31 @@ def _whole(period: float) -> float:
 
 
 def _fitted(best: structure.Structure, wanted: Array, before: Fit | None = None) -> tuple[Fit, structure.Lateness]:
-    """Fit all that windows of the rows `wanted`, (T,) bool, tell: twice, since the first fit says how noisy the log is."""
+    """Fit all that windows of the rows `wanted`, (T,) bool, tell: twice, since the first fit says how noisy the log is.
+
+    Only increments have a scale of their own. It is fitted where the log is likelier with it than without.
+    """
     model, log, meaning = best.model, best.model.log, best.meaning
-    knobs = Knobs(_turned(log.increments), log.joints)
     windows = _windows(log, meaning, wanted)
     if before is None:
+        knobs = Knobs(("command_response", *DYNAMICS) if log.increments else DYNAMICS, log.joints)
         first = fit(model, meaning, windows, knobs, best.latency)
         second = fit(model, meaning, windows, knobs, best.latency, first.x, first.noise, AGAIN)
+        if log.increments:
+            second = max(second, _unscaled(best, windows, second), key=lambda each: each.log_evidence)
     else:
-        second = fit(model, meaning, windows, knobs, best.latency, before.x, before.noise, AGAIN)
+        second = fit(model, meaning, windows, before.knobs, best.latency, before.x, before.noise, AGAIN)
     late = structure.refine(model, meaning, windows, second)
     if not math.isclose(late.value, best.latency, abs_tol=1e-9):
-        second = fit(model, meaning, windows, knobs, late.value, second.x, second.noise, AGAIN)
+        second = fit(model, meaning, windows, second.knobs, late.value, second.x, second.noise, AGAIN)
     return second, late
 
 
-def _turned(increments: bool) -> tuple[str, ...]:
-    """Return the parameters that a fit turns: only increments have a scale of their own."""
-    return ("command_response", *DYNAMICS) if increments else DYNAMICS
+def _unscaled(best: structure.Structure, windows: Windows, scaled: Fit) -> Fit:
+    """Fit the same again, but take increments as they are: beside a response of each joint its gain is known less well."""
+    knobs = Knobs(DYNAMICS, best.model.log.joints)
+    start = np.concatenate([scaled.x[scaled.knobs.where(name)] for name in DYNAMICS])
+    return fit(best.model, best.meaning, windows, knobs, best.latency, start, scaled.weight, AGAIN)
 
 
 def _windows(log: Log, meaning: Meaning, wanted: Array) -> Windows:
@@ -184,9 +191,8 @@ def _noise(found: Fit, meaning: Meaning) -> tuple[float, float, float]:
     return white_noise(found.residual)
 
 
-def _nothing(joints: int, increments: bool) -> dict[str, Estimate]:
+def _nothing(knobs: Knobs) -> dict[str, Estimate]:
     """Return what was believed before."""
-    knobs = Knobs(_turned(increments), joints)
     x, spread = np.zeros(knobs.count), np.ones(knobs.count)
     estimates = {"latency": Estimate.of(0.0, 0.0, 0.0)}
     return {**estimates, **{name: Estimate.of(*knobs.interval(name, x, spread), told=False) for name in knobs.names}}

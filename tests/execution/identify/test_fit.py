@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from execution.logs import LIMIT, PERIOD, SAWYER, recorded, wandering
 
-from skillcli.execution.identify.fit import FIRST_NOISE, LEAST_NOISE, effective_noise, fit
+from skillcli.execution.identify.fit import FIRST_NOISE, LEAST_NOISE, Fit, effective_noise, fit
 from skillcli.execution.identify.knobs import Knobs
 from skillcli.execution.identify.model import Meaning, Model
 from skillcli.execution.identify.noise import white_noise
@@ -41,6 +41,18 @@ def test_white_noise_is_what_neighbours_do_not_share() -> None:
     value, low, high = white_noise(0.01 * slow + 0.004 * rng.standard_normal((40, 100, 7)))
     assert low < 0.004 < high and value == pytest.approx(0.004, rel=0.05)
     assert white_noise(0.01 * slow)[0] == pytest.approx(0, abs=1e-9)
+
+
+def test_a_knob_must_explain_more_than_it_is_free_to() -> None:
+    def evidence(cost: float, variances: list[float]) -> float:
+        count = len(variances)
+        knobs, none = Knobs(["gravity_compensation"], 7), np.zeros((1, 1, 1))
+        found = Fit(knobs, np.zeros(count), np.diag(variances), 0.0, np.ones(1), np.ones(1), none, np.zeros((1, count)), cost)
+        return found.log_evidence
+
+    assert evidence(4.0, [0.25, 1.0]) == pytest.approx(-(4 + np.log(4)) / 2)
+    # a second knob, known to a hundredth of what was believed, costs 2 ln 100 = 9.2
+    assert evidence(10.0, [0.25]) > evidence(1.0, [0.25, 1e-4]) and evidence(10.5, [0.25]) < evidence(1.0, [0.25, 1e-4])
 
 
 def test_gains_are_recovered_and_a_joint_that_never_moves_keeps_what_was_believed() -> None:
