@@ -92,7 +92,8 @@ class Learner:
         if not favour or not self.iteration:
             return None
         success = [self.curves[f"success/{skill + 1}"][-LATELY:] for skill in range(self.agent.skills)]
-        return 1 - favour * np.mean(success, axis=1)
+        odds: Array = 1 - favour * np.mean(success, axis=1)
+        return odds
 
     def _randomise(self) -> None:
         """Draw new parameters and starts for every simulation; what is phased in applies to a growing share of them."""
