@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import skillcli.robots.quiet  # noqa: F401
 from skillcli.robots.posture import joint_ranges
-from skillcli.robots.scene import GRIPPER, Names
+from skillcli.robots.scene import GRIPPER, Hand, Names
 from skillcli.simulation import table
 from skillcli.simulation.targets import command_range, next_target
 
@@ -63,11 +63,15 @@ class ArmBatch:
         action_limit: largest joint increment per control step, rad.
         names: the model's names of joints, servos and finger.
         threads: of the engine; results do not depend on it. 0 takes all cores.
+        hand: two fingers that move; None if they stay as the model has them.
     """
 
     # The target may lead the arm by this much, rad: the servos lag 0.08 rad at full speed, and an arm that is held back
     # must not wind its target up.
     MAX_TRACKING_ERROR = 0.2
+    # The commanded width between two fingers may lead the measured one by this much, m: fingers that hold something press
+    # with as much force as their servos have at half of it.
+    MAX_WIDTH_LEAD = 0.02
 
     def __init__(
         self,
@@ -77,6 +81,7 @@ class ArmBatch:
         action_limit: float,
         names: Names,
         threads: int = 0,
+        hand: Hand | None = None,
     ) -> None:
         self.model, self.num_envs, self.substeps, self.action_limit = model, num_envs, substeps, action_limit
         self.batch = Batch(model, num_envs, threads, persistent=True)
@@ -106,6 +111,7 @@ class ArmBatch:
             first = model.sensor(CONTACT_FORCE).adr[0]
             self._contact_force = slice(first, first + 3)
         self._qvel = self.batch.bind("qvel")
+        self._fingers = None if hand is None else Fingers(self.batch, hand)
         self._default_row = self.batch.state[0].copy()
         self.active: Array | None = None  # ids of the simulations to step; None for all
         self._perturbed: set[str] = set()  # model fields that differ between simulations
@@ -136,6 +142,12 @@ class ArmBatch:
         """Return true joint speeds, (N, J) rad/s."""
         speed: Array = self._qvel[:, self._dof_address]
         return speed
+
+    @property
+    def fingers(self) -> Fingers:
+        """Return the two fingers of the hand; only where they move."""
+        assert self._fingers is not None
+        return self._fingers
 
     def past_range(self) -> Array:
         """Return how far each joint is beyond its range, (N, J) rad; negative inside."""
@@ -178,13 +190,13 @@ class ArmBatch:
         force: Array = self.batch.bind("sensordata")[:, self._contact_force]
         return force
 
-    def reset_to(self, ids: Array, joint_position: Array, object_pose: Array | None = None) -> None:
+    def reset_to(self, ids: Array, joint_position: Array, object_pose: Array | None = None, hand: Array | None = None) -> None:
         """Put arms at rest at joint angles (n, J) rad, clipped to the joint range, with servos holding them there.
 
-        An object is put at rest at poses (n, 7) m and w x y z.
+        An object is put at rest at poses (n, 7) m and w x y z; for the hand see `set_state`.
         """
         q = np.clip(joint_position, self._low, self._high)
-        self.set_state(ids, q, np.zeros_like(q), q[:, None], object_pose)
+        self.set_state(ids, q, np.zeros_like(q), q[:, None], object_pose, hand=hand)
 
     def set_state(
         self,
@@ -194,8 +206,9 @@ class ArmBatch:
         commands: Array,
         object_pose: Array | None = None,
         sag: Array | None = None,
+        hand: Array | None = None,
     ) -> None:
-        """Put arms into a state of motion; an object is at rest.
+        """Put arms into a state of motion; an object and the fingers are at rest.
 
         Args:
             ids: (n,) simulations.
@@ -206,6 +219,7 @@ class ArmBatch:
             object_pose: (n, 7) m and w x y z.
             sag: (n, J) rad, resting offset of the joints from their commands: from now on a torque pulls them there. It is part
                 of the state; at most `largest_sag`.
+            hand: (n, 2) m, width between the fingers, and the commanded width.
         """
         self.batch.state[ids] = self._default_row
         self._qpos[np.ix_(ids, self._qpos_address)] = joint_position
@@ -214,6 +228,8 @@ class ArmBatch:
             self._qpos[ids, self._object_qpos] = object_pose
         if sag is not None:
             self.batch.bind("qfrc_applied")[np.ix_(ids, self._dof_address)] = self._stiffness * sag
+        if hand is not None:
+            self.fingers.set_state(ids, hand)
         self._ctrl[ids] = commands[:, -1]
         self._history.fill(ids, commands)  # else the servos would first follow a history of zeros
         self.batch.forward(np.sort(ids), stage=_NEW_STATE)
@@ -364,6 +380,58 @@ class ArmBatch:
             return np.zeros(self.num_envs, dtype=bool)
         broken: Array = ~((np.abs(qpos).max(axis=1) < _FARTHEST) & (np.abs(qvel).max(axis=1) < _FASTEST))
         return broken
+
+
+class Fingers:
+    """Two fingers that slide alike, commanded by the width between them.
+
+    Args:
+        batch: N simulations.
+        hand: names and limits of the fingers.
+    """
+
+    def __init__(self, batch: Batch, hand: Hand) -> None:
+        model = batch.model
+        joints, servos = [model.joint(name) for name in hand.joints], [model.actuator(name).id for name in hand.servos]
+        self.widest = hand.widest
+        self._axis = batch.bind("xaxis")[:, joints[0].id]
+        self._position, self._qpos = [joint.qposadr[0] for joint in joints], batch.bind("qpos")
+        self._command, self._ctrl = model.actuator_ctrladr[servos], batch.bind("ctrl")
+        self._low, self._high = model.actuator_ctrlrange[self._command].sum(axis=0)
+
+    @property
+    def width(self) -> Array:
+        """Return the width between the fingers, (N,) m."""
+        width: Array = self._qpos[:, self._position].sum(axis=1)
+        return width
+
+    @property
+    def commanded(self) -> Array:
+        """Return the commanded width, (N,) m; below the width of what is held."""
+        width: Array = self._ctrl[:, self._command].sum(axis=1)
+        return width
+
+    @property
+    def axis(self) -> Array:
+        """Return the direction in which the first finger opens, unit vectors (N, 3) in the base frame; a live view."""
+        axis: Array = self._axis
+        return axis
+
+    def set_state(self, ids: Array, hand: Array) -> None:
+        """Set widths and commanded widths, (n, 2) m."""
+        self._qpos[np.ix_(ids, self._position)] = hand[:, :1] / 2
+        self._ctrl[np.ix_(ids, self._command)] = np.clip(hand[:, 1:], self._low, self._high) / 2
+
+    def move(self, increment: Array) -> Array:
+        """Add increments (N,) m to the commanded widths; return how far these moved, (N,) m.
+
+        A command stays within `ArmBatch.MAX_WIDTH_LEAD` of the width, and within the range of the servos.
+        """
+        width, before, lead = self.width, self.commanded, ArmBatch.MAX_WIDTH_LEAD
+        target = np.clip(np.clip(before + increment, width - lead, width + lead), self._low, self._high)
+        self._ctrl[:, self._command] = target[:, None] / 2
+        moved: Array = target - before
+        return moved
 
 
 def _unless(neutral: float, values: Array | None) -> Array | None:
