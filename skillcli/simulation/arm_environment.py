@@ -273,8 +273,11 @@ class ArmEnvironment:
         commands = [*commands, self._commanded()]
         commands = [commands[0]] * (REMEMBERED + 1 - len(commands)) + commands
         object_pose = self.object_seen()
-        hand = [np.stack([self.arms.fingers.width, self.arms.fingers.commanded], axis=1)] if self.grasps else []
-        parts = (self._measured[:, : self.joints], velocity, *commands, *hand, *([] if object_pose is None else [object_pose]))
+        parts: list[Array] = [self._measured[:, : self.joints], velocity, *commands]
+        if self.grasps:
+            parts += [self.arms.fingers.width[:, None], self.arms.fingers.commanded[:, None]]
+        if object_pose is not None:
+            parts.append(object_pose)
         state = np.concatenate(parts, axis=1)
         return StateEstimate(state, self.estimate_achieved_goal(object_pose), self.estimate_tilt(object_pose))
 

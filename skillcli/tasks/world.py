@@ -106,6 +106,14 @@ class World:
         return self.robot.joint_count
 
     @property
+    def action_scale(self) -> Array:
+        """Return the size of an action of one, (a,): rad of each joint, and m of the width between fingers."""
+        scale = np.full(self.sizes[1], self.task.action_scale)
+        if self.spec.grasps:
+            scale[-1] = self.robot.graspers().speed * self.task.control_period
+        return scale
+
+    @property
     def sizes(self) -> tuple[int, int, int]:
         """Return the sizes of observation, action and privileged observation, without a simulation."""
         return sizes(self.task, self.joints)
@@ -181,7 +189,7 @@ def sizes(task: TaskSettings, joints: int) -> tuple[int, int, int]:
     environment = spec.environment()
     observation = sum(term.size for term in environment.observation_terms(task, joints))
     privileged = sum(term.size for term in environment.privileged_terms)
-    return observation, joints if spec.uses_robot else observation, privileged
+    return observation, joints + spec.grasps if spec.uses_robot else observation, privileged
 
 
 def recorded(task: TaskSettings, joints: int) -> dict[str, int]:
