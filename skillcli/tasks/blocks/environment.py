@@ -35,6 +35,7 @@ HAND_ABOVE, HAND_HIGH = 0.09, 0.15  # m: heights of the gripper over the table w
 REACH_OF_FINGERS = 0.025  # m from the gripper within which the middle of a held block is
 PRESSING = 0.008  # m by which the command of a hand that holds something leads the width
 LET_GO = 0.025  # m: the opened fingers leave a block this much room
+ON_TABLE = 0.005  # m higher than where it rests, a block is on the table
 NEAR = 0.05  # m from the goal, within which a bonus grows
 STEADY, CRUSHED = 5.0, 150.0  # N, downward force of the arm: begins to cost, and crushes a block
 PRESSED = 40.0  # N at which pressing costs most
@@ -203,9 +204,10 @@ class BlocksEnvironment(ArmEnvironment):
 
         - goal: minus 2 times the distance of achieved and desired goal: the skill itself
         - near: plus 0.3 times a bonus that grows from 0 at 5 cm from the goal to 1 at the goal
-        - reach (lift): minus the distance of the gripper from the middle of the block
-        - enclose (lift): plus up to 0.3 for closing the fingers where the block is between them
+        - reach (lift): minus 2 times the distance of the gripper from the middle of the block
+        - enclose (lift): plus up to 0.5 for closing the fingers where the block is between them
         - hold (lift, carry): plus 0.3 for a block between fingers that press
+        - release (place): plus up to 0.5 for opening the fingers around a block that is on the table
         - early (above, lift): minus up to 0.1 for fingers that are closed and have no block between them
         - turned (above, lift): minus up to 0.2 for a hand that is not along the faces of the block
         - leaning: minus how far the cosine of the hand's lean is below that of 10 degrees
@@ -221,6 +223,7 @@ class BlocksEnvironment(ArmEnvironment):
         away, above_or_lift = self.position(), kind <= LIFT
         enclosed = self._enclosed(away)
         closed = 1.0 - np.clip((fingers.commanded - 2 * self._half) / (fingers.widest - 2 * self._half), 0.0, 1.0)
+        opened = np.clip((fingers.commanded - 2 * self._half) / LET_GO, 0.0, 1.0)
         velocity = self.arms.object_velocity[:, :3]
         force = np.maximum(0.0, -self.arms.contact_force[:, 2])
         lean = np.maximum(0.0, FREE_LEAN + self.arms.gripper_direction[:, 2])
@@ -228,9 +231,10 @@ class BlocksEnvironment(ArmEnvironment):
             earned={
                 "goal": -2.0 * distance,
                 "near": 0.3 * np.maximum(0.0, 1.0 - distance / NEAR),
-                "reach": np.where(kind == LIFT, -np.linalg.norm(away, axis=1), 0.0),
-                "enclose": np.where(kind == LIFT, 0.3 * enclosed * closed, 0.0),
+                "reach": np.where(kind == LIFT, -2.0 * np.linalg.norm(away, axis=1), 0.0),
+                "enclose": np.where(kind == LIFT, 0.5 * enclosed * closed, 0.0),
                 "hold": np.where((kind == LIFT) | (kind == CARRY), 0.3 * held, 0.0),
+                "release": np.where(kind == PLACE, 0.5 * self._lies() * opened, 0.0),
             },
             costs={
                 "early": np.where(above_or_lift, 0.1 * closed * (1.0 - enclosed), 0.0),
@@ -241,6 +245,11 @@ class BlocksEnvironment(ArmEnvironment):
                 "pressed": 0.3 * np.clip((force - STEADY) / (PRESSED - STEADY), 0.0, 1.0),
             },
         )
+
+    def _lies(self) -> Array:
+        """Return which blocks are on the table, (N,) bool."""
+        lies: Array = self.arms.object_pose[:, 2] < TABLE_TOP + self._half + ON_TABLE
+        return lies
 
     def _enclosed(self, away: Array) -> Array:
         """Return how far blocks are between the fingers, (N,) from 0 to 1, given gripper less block, (N, 3) m."""
