@@ -18,13 +18,15 @@ from rich.table import Table
 
 from skillcli.recipe import resolve
 from skillcli.robots.inverse_kinematics import Kinematics
-from skillcli.tasks.blocks.environment import HAND_ABOVE, HAND_HIGH, BlocksEnvironment
-from skillcli.tasks.blocks.geometry import heading, quarter_turn
+from skillcli.simulation.environment import NO_SKILL
+from skillcli.tasks.blocks.environment import BlocksEnvironment
+from skillcli.tasks.blocks.geometry import face_heading, heading, quarter_turn
 from skillcli.tasks.blocks.settings import BlocksTask
 from skillcli.tasks.world import World
 from skillcli.trajectories import Array
 
 SECONDS = {"down": 1.0, "close": 0.6, "up": 1.0, "carry": 1.5, "lower": 1.0, "open": 0.6, "away": 0.6}
+OVER, HIGH = 0.07, 0.13  # m of the hand above where it grasps and lets go
 REST = 5.0  # s that a block is held still
 CARRIED = "carry"
 
@@ -46,30 +48,30 @@ def world(**task: object) -> World:
     return World.of(resolve({"name": "grasp", "robot": "panda", "task": {"name": "blocks", "grasped_starts": False, **task}}))
 
 
-def script(env: BlocksEnvironment, starts: Array, yaw: Array, goals: Array) -> Iterator[tuple[str, Array]]:
-    """Yield actions (N, J+1) of a whole pick and place, with the name of the phase.
+def script(env: BlocksEnvironment, home: Array, goals: Array) -> Iterator[tuple[str, Array]]:
+    """Yield actions (N, J+1) that pick up the attended blocks and put them down, with the name of the phase.
 
     Args:
-        env: N simulations, reset.
-        starts: (N, 2) m, of the blocks.
-        yaw: (N,) rad, of the blocks.
-        goals: (N, 2) m, where to put them.
+        env: N simulations.
+        home: (J,) rad, a posture with the hand down.
+        goals: (N, 3) m, where to put the middles of the blocks.
     """
-    kinematics, half = Kinematics(env.robot), env.arms.object_pose[:, 2]
-    home = np.array(env.arms.commanded[0])
-    turn = quarter_turn(yaw - heading(env.arms.fingers.axis))
+    kinematics = Kinematics(env.robot)
+    kinematics.gripper(home)
+    axis = kinematics.data.xaxis[kinematics.model.joint(env.robot.graspers().joints[0]).id]
+    begin = env.arms.object_pose[:, :3].copy()
+    turn = quarter_turn(face_heading(env.arms.object_pose[:, 3:]) - heading(axis[None]))
 
-    def postures(places: Array, height: Array) -> Array:
+    def postures(places: Array, higher: float) -> Array:
         found = []
-        for x, y, z, angle in zip(*places.T, np.broadcast_to(height, len(places)), turn, strict=True):
+        for (x, y, z), angle in zip(places + np.array([0.0, 0.0, higher]), turn, strict=True):
             posture = kinematics.solve(np.array([x, y, z]), home, down=True)
             assert posture is not None, f"out of reach: {x:.3f}, {y:.3f}, {z:.3f}"
             found.append(posture.angles - np.eye(env.joints)[-1] * angle)  # the last joint's axis points down
         return np.array(found)
 
-    above, at = postures(starts, HAND_ABOVE), postures(starts, half)
-    high, over, low = postures(starts, HAND_HIGH), postures(goals, HAND_HIGH), postures(goals, half)
-    leave = postures(goals, HAND_ABOVE)
+    above, at, high = (postures(begin, higher) for higher in (OVER, 0.0, HIGH))
+    over, low, leave = (postures(goals, higher) for higher in (HIGH, 0.0, OVER))
     yield from _move(env, "approach", 1.5, above, 1.0)
     yield from _move(env, "down", SECONDS["down"], at, 1.0)
     yield from _move(env, "close", SECONDS["close"], at, -1.0)
@@ -93,10 +95,11 @@ def _move(env: BlocksEnvironment, phase: str, seconds: float, target: Array, clo
 def pick_and_place(env: BlocksEnvironment, starts: Array, yaw: Array, goals: Array) -> Outcome:
     """Run the script; see `script` and `Outcome`."""
     env.randomize({"object_offset": starts - env.arms.object_pose[0, :2], "object_yaw": yaw}, np.random.default_rng(0))
-    env.reset(np.arange(env.num_envs), np.full(env.num_envs, -1))
+    env.reset(np.arange(env.num_envs), np.full(env.num_envs, NO_SKILL))
+    places = np.column_stack([goals, env.arms.object_pose[:, 2]])
     inside: dict[str, Array] = {}
     held, force = np.zeros(env.num_envs, dtype=bool), np.zeros(env.num_envs)
-    for phase, action in script(env, starts, yaw, goals):
+    for phase, action in script(env, env.arms.commanded[0].copy(), places):
         env.step(action)
         inside[phase] = in_hand(env)
         force = np.maximum(force, -env.arms.contact_force[:, 2])
@@ -111,6 +114,20 @@ def pick_and_place(env: BlocksEnvironment, starts: Array, yaw: Array, goals: Arr
         final=final,
         force=force,
     )
+
+
+def stack(env: BlocksEnvironment) -> Array:
+    """Put each further block on the ones before; return the middles of all blocks at the end, (N, K, 3) m."""
+    env.reset(np.arange(env.num_envs), np.full(env.num_envs, NO_SKILL))
+    home = env.arms.commanded[0].copy()
+    for index in range(1, len(env.arms.objects)):
+        env.attend(index - 1)
+        goals = env.arms.object_pose[:, :3] + [0.0, 0.0, BlocksTask().block_size]
+        env.attend(index)
+        for _, action in script(env, home, goals):
+            env.step(action)
+    env.attend(0)
+    return env.arms.object_poses.reshape(env.num_envs, -1, 7)[:, :, :3].copy()
 
 
 def in_hand(env: BlocksEnvironment) -> Array:

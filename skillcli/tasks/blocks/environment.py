@@ -35,7 +35,7 @@ HAND_ABOVE, HAND_HIGH = 0.09, 0.15  # m: heights of the gripper over the table w
 REACH_OF_FINGERS = 0.025  # m from the gripper within which the middle of a held block is
 PRESSING = 0.008  # m by which the command of a hand that holds something leads the width
 LET_GO = 0.025  # m: the opened fingers leave a block this much room
-ON_TABLE = 0.005  # m higher than where it rests, a block is on the table
+AT_HEIGHT = 0.005  # m higher than the goal, a block is down there
 NEAR = 0.05  # m from the goal, within which a bonus grows
 STEADY, CRUSHED = 5.0, 150.0  # N, downward force of the arm: begins to cost, and crushes a block
 PRESSED = 40.0  # N at which pressing costs most
@@ -145,13 +145,14 @@ class BlocksEnvironment(ArmEnvironment):
         open_width, closed = self.arms.fingers.widest, 2 * self._half
         width = np.where(grasped, closed, open_width)
         hand = np.stack([width, np.where(grasped, closed - self.arms.MAX_WIDTH_LEAD, open_width)], axis=1)
-        self.arms.reset_to(ids, angles, self.place_object(ids), hand)
-        pose = self.arms.object_pose[ids]
+        poses = self.place_object(ids)
+        self.arms.reset_to(ids, angles, poses, hand)
+        pose = poses[:, self._columns]
         inside = self.arms.gripper_position[ids]
         pose[grasped, :3] = inside[grasped]
         pose[grasped, 2] = np.maximum(inside[grasped, 2], TABLE_TOP + self._half)
         pose[grasped, 3:] = upright(heading(self.arms.fingers.axis[ids][grasped]))
-        self.arms.reset_to(ids, angles, pose, hand)
+        self.arms.reset_to(ids, angles, poses, hand)
 
     def _turning(self, ids: Array) -> Array:
         """Return in which direction a hand that points down turns with its last joint, seen from above, (n,) 1 or -1."""
@@ -164,12 +165,25 @@ class BlocksEnvironment(ArmEnvironment):
         self.arms.reset_to(ids, self._start + self._start_offset[ids], object_pose, widest)
 
     def place_object(self, ids: Array) -> Array:
-        """See `ArmEnvironment`; at rest on the table."""
-        pose = np.zeros((len(ids), 7))
-        pose[:, :2] = self._block_start + self._offset[ids]
-        pose[:, 2] = TABLE_TOP + self._half
-        pose[:, 3:] = upright(self._yaw[ids])
-        return pose
+        """See `ArmEnvironment`; at rest on the table. The attended block may begin anywhere, the others where the task says."""
+        places = np.array([self._task.block_start, *self._task.others])
+        poses = np.zeros((len(ids), len(places), 7))
+        poses[:, :, :2] = places
+        poses[:, :, 2] = TABLE_TOP + self._half
+        poses[:, :, 3] = 1.0
+        attended = poses[:, self.arms.attended]
+        attended[:, :2] = self._block_start + self._offset[ids]
+        attended[:, 3:] = upright(self._yaw[ids])
+        return poses.reshape(len(ids), -1)
+
+    def attend(self, block: int) -> None:
+        """Choose the block, of several, that skills see and goals are about from now on."""
+        self.arms.attend(block)
+
+    @property
+    def _columns(self) -> slice:
+        """Return where the pose of the attended block is among those of all."""
+        return slice(7 * self.arms.attended, 7 * self.arms.attended + 7)
 
     def position(self) -> Array:
         """See `ArmEnvironment`."""
@@ -207,7 +221,7 @@ class BlocksEnvironment(ArmEnvironment):
         - reach (lift): minus 2 times the distance of the gripper from the middle of the block
         - enclose (lift): plus up to 0.5 for closing the fingers where the block is between them
         - hold (lift, carry): plus 0.3 for a block between fingers that press
-        - release (place): plus up to 0.5 for opening the fingers around a block that is on the table
+        - release (place): plus up to 0.5 for opening the fingers around a block that is down at the goal's height
         - early (above, lift): minus up to 0.1 for fingers that are closed and have no block between them
         - turned (above, lift): minus up to 0.2 for a hand that is not along the faces of the block
         - leaning: minus how far the cosine of the hand's lean is below that of 10 degrees
@@ -247,8 +261,8 @@ class BlocksEnvironment(ArmEnvironment):
         )
 
     def _lies(self) -> Array:
-        """Return which blocks are on the table, (N,) bool."""
-        lies: Array = self.arms.object_pose[:, 2] < TABLE_TOP + self._half + ON_TABLE
+        """Return which blocks are down where they should be, on the table or on another one, (N,) bool."""
+        lies: Array = self.arms.object_pose[:, 2] < self.desired_goal[:, 2] + AT_HEIGHT
         return lies
 
     def _enclosed(self, away: Array) -> Array:
@@ -303,17 +317,18 @@ class BlocksEnvironment(ArmEnvironment):
         return np.concatenate([*parts, widths[:, :1], widths[:, :1] - widths[:, 1:]], axis=1)
 
     def object_seen(self) -> Array:
-        """See `ArmEnvironment`."""
-        pose = self.arms.object_pose.copy()
+        """See `ArmEnvironment`; of all blocks, (N, 7K)."""
+        poses = self.arms.object_poses.copy()
         if self._sensors is not None:
+            pose = poses[:, self._columns]
             relative, gripper, turned = np.split(self._measured[:, self.joints : self.joints + 10], [3, 6], axis=1)
             pose[:, :3], pose[:, 3:] = gripper - relative, turned / np.linalg.norm(turned, axis=1, keepdims=True)
-        return pose
+        return poses
 
     def estimate_achieved_goal(self, object_pose: Array | None) -> Array:
         """See `ArmEnvironment`."""
         assert object_pose is not None
-        return self.achieved_goal() + object_pose[:, :3] - self.arms.object_pose[:, :3]
+        return self.achieved_goal() + object_pose[:, self._columns][:, :3] - self.arms.object_pose[:, :3]
 
     def recorded_state(self) -> dict[str, Array]:
         """See `Environment`."""

@@ -19,6 +19,8 @@ PAD_SOLREF, PAD_SOLIMP = (0.005, 1.0), (0.9, 0.99, 0.001, 0.5, 2.0)
 TORSION, ROLLING = 0.005, 1e-4  # m, MuJoCo's own
 NET_FORCE = 3  # mode of contact sensors that reduces several contacts to the net force
 
+COLOURS = ([0.85, 0.55, 0.2, 1.0], [0.25, 0.55, 0.8, 1.0], [0.45, 0.7, 0.3, 1.0])
+
 LEAD = ArmBatch.MAX_WIDTH_LEAD / 2  # m, of each finger: a closed hand then presses with `task.grip_force`
 FINGER_INERTIA = 0.1  # kg, of the motor as each finger feels it behind its gear
 
@@ -28,7 +30,8 @@ def blocks_spec(task: BlocksTask, robot: Robot, delay: bool = False) -> mujoco.M
     spec = robot.arm_spec(start_of(task, robot), task.timestep, task.control_period, delay)
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = IMPRATIO
-    _add_block(spec, task)
+    for index, place in enumerate((task.block_start, *task.others)):
+        _add_block(spec, task, OBJECT if index == 0 else f"{OBJECT}{index + 1}", place, COLOURS[index])
     _move_fingers(spec, task, robot)
     spec.add_sensor(
         name=CONTACT_FORCE,
@@ -40,16 +43,16 @@ def blocks_spec(task: BlocksTask, robot: Robot, delay: bool = False) -> mujoco.M
     return spec
 
 
-def _add_block(spec: mujoco.MjSpec, task: BlocksTask) -> None:
+def _add_block(spec: mujoco.MjSpec, task: BlocksTask, name: str, place: tuple[float, float], colour: list[float]) -> None:
     half = task.block_size / 2
-    block = spec.worldbody.add_body(name=OBJECT, pos=[*task.block_start, TABLE_TOP + half])
-    block.add_freejoint(name=OBJECT)
+    block = spec.worldbody.add_body(name=name, pos=[*place, TABLE_TOP + half])
+    block.add_freejoint(name=name)
     block.add_geom(
-        name=OBJECT,
+        name=name,
         type=mujoco.mjtGeom.mjGEOM_BOX,
         size=np.full(3, half),
         mass=task.block_mass,
-        rgba=[0.85, 0.55, 0.2, 1],
+        rgba=colour,
         condim=4,
         priority=2,  # overrides the table's contact settings
         friction=[task.friction, TORSION, ROLLING],

@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import model_validator
 
 from skillcli.config.base import Vector3, value
+from skillcli.simulation.arms import MOST_OBJECTS
 from skillcli.simulation.settings import MAX_SKILLS, ArmTask
 
 KINDS = ("above", "lift", "carry", "place")  # what a skill does: the first word of its name
@@ -35,6 +36,9 @@ class BlocksTask(ArmTask):
         0.0025, "time step of the physics, which contact needs finer than free motion", "s", ge=1e-4, le=0.02
     )
     block_start: tuple[float, float] = value((0.5, 0.0), "nominal start of the block on the table", "m")
+    others: tuple[tuple[float, float], ...] = value(
+        (), "starts of further blocks, up to two, to stack on", "m", max_length=MOST_OBJECTS - 1
+    )
     block_size: float = value(0.04, "edge of the block", "m", ge=0.01, le=0.3)
     block_mass: float = value(0.1, "of the block, evenly filled", "kg", gt=0, le=5)
     friction: float = value(0.6, "sliding friction between block and table", "", gt=0, le=3)

@@ -8,7 +8,7 @@ from worlds import blocks_env
 
 from skillcli.tasks.blocks.environment import CRUSHED, BlocksEnvironment
 from skillcli.tasks.blocks.settings import BlocksTask
-from studies.grasp import Outcome, draw, hold, pick_and_place, world
+from studies.grasp import Outcome, draw, hold, pick_and_place, stack, world
 
 EPISODES = 4
 HELD = 2  # the first carry of the default task, which begins with the block in the hand
@@ -49,6 +49,17 @@ def test_a_block_that_is_too_heavy_for_the_friction_falls() -> None:
     for _ in range(20):
         env.step(np.array([[0.0] * 7 + [-1.0]]))
     assert not env.held().any()
+
+
+def test_three_blocks_stand_on_each_other() -> None:
+    env = world(others=[[0.4, 0.12], [0.58, -0.13]]).make_env(1, 1)
+    assert isinstance(env, BlocksEnvironment)
+    tower = stack(env)[0]
+    np.testing.assert_allclose(tower[:, 2], [0.02, 0.06, 0.10], atol=4e-3)
+    assert np.linalg.norm(tower[:, :2] - tower[0, :2], axis=1).max() < 3e-3
+    for _ in range(40):
+        env.step(np.array([[0.0] * 8]))
+    np.testing.assert_allclose(env.arms.object_poses.reshape(3, 7)[:, :3], tower, atol=1e-3)
 
 
 @pytest.mark.slow
