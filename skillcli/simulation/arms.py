@@ -420,9 +420,15 @@ class Fingers:
         self._low, self._high = model.actuator_ctrlrange[self._command].sum(axis=0)
 
     @property
+    def position(self) -> Array:
+        """Return how far each finger is open, (N, 2) m."""
+        position: Array = self._qpos[:, self._position]
+        return position
+
+    @property
     def width(self) -> Array:
         """Return the width between the fingers, (N,) m."""
-        width: Array = self._qpos[:, self._position].sum(axis=1)
+        width: Array = self.position.sum(axis=1)
         return width
 
     @property

@@ -13,7 +13,7 @@ from skillcli.robots.robot import Robot
 from skillcli.robots.scene import TABLE_TOP
 from skillcli.simulation.arm_environment import BASE, ArmEnvironment
 from skillcli.simulation.chance import Rng
-from skillcli.simulation.environment import Array, ObservationTerm, RewardTerms
+from skillcli.simulation.environment import SAFETY_LIMITS, Array, ObservationTerm, RewardTerms
 from skillcli.simulation.safety import SOFT_TABLE_TOLERANCE
 from skillcli.simulation.settings import ArmTask
 from skillcli.tasks.blocks.geometry import QUARTERS, face_heading, frames, heading, quarter_turn, upright
@@ -71,7 +71,7 @@ class BlocksEnvironment(ArmEnvironment):
         ObservationTerm("object_velocity", "m/s", 3),
         ObservationTerm("held", "", 1),
     )
-    recorded: ClassVar[Mapping[str, int]] = {"gripper_position": 3, "object_pose": 7}
+    recorded: ClassVar[Mapping[str, int]] = {"gripper_position": 3, "object_pose": 7, "finger_position": 2}
     failure_reward = LOST
     table_tolerance = SOFT_TABLE_TOLERANCE
 
@@ -277,6 +277,16 @@ class BlocksEnvironment(ArmEnvironment):
         angle: Array = face_heading(self.arms.object_pose[:, 3:]) - heading(self.arms.fingers.axis)
         return angle
 
+    def violations(self) -> Array:
+        """See `ArmEnvironment`; adds a hand that presses on anything with more than its lasting force.
+
+        A block in a hand may lean, and is on the table only at the end: the limits of a box do not apply.
+        """
+        force = np.linalg.norm(self.arms.contact_force, axis=1)
+        of_arm = super().violations()
+        of_box = np.zeros((self.num_envs, SAFETY_LIMITS.index("hand_force") - of_arm.shape[1]), dtype=bool)
+        return np.column_stack([of_arm, of_box, force > self.robot.graspers().force])
+
     def failed(self) -> Array:
         """Return which blocks fell off the table, were thrown or crushed, or which simulations are unstable, (N,) bool."""
         broken = super().failed()
@@ -332,4 +342,5 @@ class BlocksEnvironment(ArmEnvironment):
 
     def recorded_state(self) -> dict[str, Array]:
         """See `Environment`."""
-        return {**super().recorded_state(), "object_pose": self.arms.object_pose.copy()}
+        state = super().recorded_state()
+        return {**state, "object_pose": self.arms.object_pose.copy(), "finger_position": self.arms.fingers.position}

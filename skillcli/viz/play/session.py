@@ -314,11 +314,12 @@ class PlaySession:
 
     def _pose(self) -> Pose:
         state = self._env.recorded_state()
-        joints, box = state.get("joint_position"), state.get("object_pose")
+        joints, box, fingers = (state.get(name) for name in ("joint_position", "object_pose", "finger_position"))
         return Pose(
             self._env.achieved_goal()[0].copy(),
             None if joints is None else joints[0].copy(),
             None if box is None else box[0].copy(),
+            None if fingers is None else fingers[0].copy(),
         )
 
     def pose(self, share: float = 1.0) -> Pose:

@@ -8,7 +8,8 @@ from worlds import PANDA, SAWYER, blocks_env
 
 from skillcli.errors import UsageError
 from skillcli.recipe import resolve
-from skillcli.simulation.environment import NO_SKILL
+from skillcli.simulation.arms import ArmBatch
+from skillcli.simulation.environment import NO_SKILL, SAFETY_LIMITS
 from skillcli.tasks.blocks.environment import HAND_ABOVE, HAND_HIGH, LET_GO, LOST, BlocksEnvironment
 from skillcli.tasks.blocks.geometry import QUARTERS, heading
 from skillcli.tasks.blocks.settings import BlocksTask
@@ -139,6 +140,29 @@ def test_blocks_that_fall_off_or_fly_are_lost() -> None:
     assert step.terminated.tolist() == [True, True, False]
     np.testing.assert_array_equal(step.reward[:2], LOST)
     np.testing.assert_allclose(env.arms.object_pose[:, 2], 0.02, atol=2e-3)
+
+
+def test_a_hand_that_presses_with_more_than_its_lasting_force_breaks_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = begun(np.full(2, LIFT), progress=0.5)
+    assert not env.violations().any() and env.violations().shape == (2, len(SAFETY_LIMITS))
+    forces = np.array([[0.0, 0.0, -69.0], [60.0, 0.0, -60.0]])
+    monkeypatch.setattr(ArmBatch, "contact_force", property(lambda _: forces))
+    assert env.violations()[:, SAFETY_LIMITS.index("hand_force")].tolist() == [False, True]
+
+
+def test_fingers_are_recorded() -> None:
+    recorded = begun(SKILLS).recorded_state()
+    np.testing.assert_allclose(recorded["finger_position"], [[0.04] * 2, [0.04] * 2, [0.02] * 2, [0.02] * 2], atol=1e-6)
+    assert recorded["object_pose"].shape == (4, 7)
+
+
+def test_skills_see_the_block_that_is_attended_to() -> None:
+    env = begun(np.full(2, NO_SKILL), task=TASK.model_copy(update={"others": ((0.4, 0.15),)}))
+    env.attend(1)
+    np.testing.assert_allclose(env.arms.object_pose[:, :3], [[0.4, 0.15, 0.02]] * 2, atol=2e-3)
+    np.testing.assert_allclose(env.observe()[:, 10:12], [[0.4, 0.15]] * 2, atol=2e-3)
+    env.attend(0)
+    assert np.ptp(env.arms.object_pose[:, 0]) > 1e-3
 
 
 def test_sensors_without_noise_show_what_is() -> None:
