@@ -14,6 +14,7 @@ from skillcli.robots.scene import TABLE_TOP
 from skillcli.simulation.arm_environment import BASE, ArmEnvironment
 from skillcli.simulation.chance import Rng
 from skillcli.simulation.environment import SAFETY_LIMITS, Array, ObservationTerm, RewardTerms
+from skillcli.simulation.fingers import Fingers
 from skillcli.simulation.safety import SOFT_TABLE_TOLERANCE
 from skillcli.simulation.settings import ArmTask
 from skillcli.tasks.blocks.geometry import QUARTERS, face_heading, frames, heading, quarter_turn, upright
@@ -32,6 +33,7 @@ ABOVE, LIFT, CARRY, PLACE = range(len(KINDS))
 WHOLE = len(KINDS)  # no skill: a whole task, in which the block goes to its goal and is let go
 
 HAND_ABOVE, HAND_HIGH = 0.09, 0.15  # m: heights of the gripper over the table where skills begin
+JITTER = 0.3  # share of `start_offset` that an open hand above a block is off: two centimetres at its end
 REACH_OF_FINGERS = 0.025  # m from the gripper within which the middle of a held block is
 PRESSING = 0.008  # m by which the command of a hand that holds something leads the width
 LET_GO = 0.025  # m: the opened fingers leave a block this much room
@@ -138,13 +140,14 @@ class BlocksEnvironment(ArmEnvironment):
         grasped = (kind != LIFT) | (third == 2)
         place = self._block_start + self._offset[ids]
         angles = found.at(place, level)
+        angles[level == 1] += np.where(grasped, 0.0, JITTER)[level == 1, None] * self._start_offset[ids][level == 1]
         self.arms.reset_to(ids, angles)
         # The hand turns to the block; in the air the block turns with the hand.
         turn = quarter_turn(self._yaw[ids] - heading(self.arms.fingers.axis[ids]))
         angles[:, -1] += turn * self._turning(ids)
         open_width, closed = self.arms.fingers.widest, 2 * self._half
         width = np.where(grasped, closed, open_width)
-        hand = np.stack([width, np.where(grasped, closed - self.arms.MAX_WIDTH_LEAD, open_width)], axis=1)
+        hand = np.stack([width, np.where(grasped, closed - Fingers.MAX_LEAD, open_width)], axis=1)
         poses = self.place_object(ids)
         self.arms.reset_to(ids, angles, poses, hand)
         pose = poses[:, self._columns]

@@ -8,7 +8,8 @@ import numpy as np
 from skillcli.robots.robot import Robot
 from skillcli.robots.scene import TABLE_TOP
 from skillcli.simulation.arm_environment import start_of
-from skillcli.simulation.arms import CONTACT_FORCE, OBJECT, ArmBatch
+from skillcli.simulation.arms import CONTACT_FORCE, OBJECT
+from skillcli.simulation.fingers import Fingers
 from skillcli.tasks.blocks.settings import BlocksTask
 
 # Contact. The friction cone is elliptic, condim is 4 and the table as in push. A held block creeps: the less, the larger
@@ -21,7 +22,7 @@ NET_FORCE = 3  # mode of contact sensors that reduces several contacts to the ne
 
 COLOURS = ([0.85, 0.55, 0.2, 1.0], [0.25, 0.55, 0.8, 1.0], [0.45, 0.7, 0.3, 1.0])
 
-LEAD = ArmBatch.MAX_WIDTH_LEAD / 2  # m, of each finger: a closed hand then presses with `task.grip_force`
+LEAD = Fingers.MAX_LEAD / 2  # m, of each finger: a closed hand then presses with `task.grip_force`
 FINGER_INERTIA = 0.1  # kg, of the motor as each finger feels it behind its gear
 
 
