@@ -240,7 +240,8 @@ class BlocksEnvironment(ArmEnvironment):
         away, above_or_lift = self.position(), kind <= LIFT
         enclosed = self._enclosed(away)
         closed = 1.0 - np.clip((fingers.commanded - 2 * self._half) / (fingers.widest - 2 * self._half), 0.0, 1.0)
-        opened = np.clip((fingers.commanded - 2 * self._half) / LET_GO, 0.0, 1.0)
+        tightest = 2 * self._half - Fingers.MAX_LEAD  # m, the command of fingers that hold a block with all their force
+        opened = np.clip((fingers.commanded - tightest) / (LET_GO + Fingers.MAX_LEAD), 0.0, 1.0)
         velocity = self.arms.object_velocity[:, :3]
         force = np.maximum(0.0, -self.arms.contact_force[:, 2])
         lean = np.maximum(0.0, FREE_LEAN + self.arms.gripper_direction[:, 2])
