@@ -25,7 +25,7 @@ from skillcli.tasks.blocks.settings import BlocksTask
 from skillcli.tasks.world import World
 from skillcli.trajectories import Array
 
-SECONDS = {"down": 1.0, "close": 0.6, "up": 1.0, "carry": 1.5, "lower": 1.0, "open": 0.6, "away": 0.6}
+SECONDS = {"down": 1.0, "close": 0.8, "up": 1.0, "carry": 1.5, "lower": 1.0, "settle": 0.3, "open": 0.8, "away": 0.6}
 OVER, HIGH = 0.07, 0.13  # m of the hand above where it grasps and lets go
 REST = 5.0  # s that a block is held still
 CARRIED = "carry"
@@ -78,6 +78,7 @@ def script(env: BlocksEnvironment, home: Array, goals: Array) -> Iterator[tuple[
     yield from _move(env, "up", SECONDS["up"], high, -1.0)
     yield from _move(env, "carry", SECONDS["carry"], over, -1.0)
     yield from _move(env, "lower", SECONDS["lower"], low, -1.0)
+    yield from _move(env, "settle", SECONDS["settle"], low, -1.0)
     yield from _move(env, "open", SECONDS["open"], low, 1.0)
     yield from _move(env, "away", SECONDS["away"], leave, 1.0)
 

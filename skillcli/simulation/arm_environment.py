@@ -15,6 +15,7 @@ from skillcli.simulation.arms import ArmBatch
 from skillcli.simulation.chance import Rng
 from skillcli.simulation.disturbance import Disturbance
 from skillcli.simulation.environment import Array, ObservationTerm, RewardTerms, StateEstimate, Step, signed, total_reward
+from skillcli.simulation.fingers import Fingers
 from skillcli.simulation.safety import RANGE_TOLERANCE, STIFF_TABLE_TOLERANCE, Clearance
 from skillcli.simulation.sensors import Sensors
 from skillcli.simulation.settings import ArmTask
@@ -33,7 +34,7 @@ class ArmEnvironment:
     Observation: J joint angles, rad, and one position, m; then further terms of the task; then, if the task asks for it, the
     difference between commanded and measured joint angles, rad, which shows commands that are delayed or not yet followed.
     Action (J): joint increments in units of the action limit; of a task that grasps (J+1), the last an increment of the width
-    between the fingers, in units of what the hand can do in a control step.
+    between the fingers, in units of `Fingers.MAX_LEAD`.
 
     Args:
         task: start, clock and limits.
@@ -64,7 +65,6 @@ class ArmEnvironment:
         spec = self.scene(task, robot, delay)
         substeps = round(task.control_period / spec.option.timestep)
         hand = robot.graspers() if self.grasps else None
-        self.width_limit = hand.speed * task.control_period if hand else 0.0  # m, change of the width in a control step
         self.arms = ArmBatch(spec.compile(), num_envs, substeps, task.action_limit, robot.names, threads, hand)
         self.goals = goals
         self.desired_goal = np.zeros((num_envs, 3))
@@ -318,8 +318,7 @@ class ArmEnvironment:
         """Apply actions (N, a) for a control step; return how far the commands moved, (N, a) rad, and m of the width."""
         if not self.grasps:
             return self._move(self.arms.action_limit * action)
-        closing = np.clip(self.width_limit * action[:, -1], -self.width_limit, self.width_limit)
-        moved = self.arms.fingers.move(closing)
+        moved = self.arms.fingers.move(Fingers.MAX_LEAD * np.clip(action[:, -1], -1.0, 1.0))
         return np.column_stack([self._move(self.arms.action_limit * action[:, :-1]), moved])
 
     def _move(self, increment: Array) -> Array:

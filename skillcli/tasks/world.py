@@ -15,6 +15,7 @@ from skillcli.robots.robot import Robot, load_robot
 from skillcli.robots.scene import fingerprint
 from skillcli.simulation.chance import Rng
 from skillcli.simulation.environment import Array, Environment, ObservationTerm
+from skillcli.simulation.fingers import Fingers
 from skillcli.simulation.settings import TaskSettings
 from skillcli.tasks.goals import typed
 from skillcli.tasks.registry import find_task
@@ -110,7 +111,7 @@ class World:
         """Return the size of an action of one, (a,): rad of each joint, and m of the width between fingers."""
         scale = np.full(self.sizes[1], self.task.action_scale)
         if self.spec.grasps:
-            scale[-1] = self.robot.graspers().speed * self.task.control_period
+            scale[-1] = Fingers.MAX_LEAD
         return scale
 
     @property

@@ -63,14 +63,17 @@ def _add_block(spec: mujoco.MjSpec, task: BlocksTask, name: str, place: tuple[fl
 
 
 def _move_fingers(spec: mujoco.MjSpec, task: BlocksTask, robot: Robot) -> None:
-    """Drive both fingers by servos of the same stiffness and force, mirrored, with pads of rubber."""
+    """Drive both fingers by servos of the same stiffness and force, mirrored, with pads of rubber.
+
+    The damping is such that fingers whose command leads them as far as it may move at the largest speed of the hand.
+    """
     hand = robot.graspers()
-    stiffness = task.grip_force / LEAD
+    stiffness, damping = task.grip_force / LEAD, task.grip_force / (hand.speed / 2)
     for joint, servo in zip(hand.joints, hand.servos, strict=True):
         finger = spec.joint(joint)
         finger.armature = FINGER_INERTIA
         actuator = spec.actuator(servo)
-        actuator.set_to_position(kp=stiffness, kv=2 * np.sqrt(stiffness * FINGER_INERTIA))
+        actuator.set_to_position(kp=stiffness, kv=damping)
         actuator.forcelimited, actuator.forcerange = True, [-hand.force, hand.force]
         actuator.ctrllimited, actuator.ctrlrange = True, [-LEAD, hand.widest / 2]
     spec.add_equality(

@@ -107,8 +107,8 @@ def test_a_block_is_placed_when_it_is_let_go() -> None:
 def test_fingers_close_at_the_speed_of_the_hand_and_press_with_the_force_of_the_task() -> None:
     env = begun(np.full(1, LIFT), progress=0.5)
     drive(env, CLOSE, 4)
-    assert env.arms.fingers.width[0] == pytest.approx(0.08 - 4 * 0.005, abs=2e-3)
-    drive(env, CLOSE, 16)
+    assert env.arms.fingers.width[0] == pytest.approx(0.08 - 4 * 0.005, abs=4e-3)
+    drive(env, CLOSE, 20)
     assert env.held().all()
     force = env.arms.batch.bind("actuator_force")[0, -2:]
     np.testing.assert_allclose(-force, TASK.grip_force, rtol=0.1)
@@ -181,7 +181,7 @@ def test_sizes_are_known_without_a_simulation() -> None:
     world = World(TASK, PANDA)
     env = world.make_env(1, 1)
     assert world.sizes == (env.observation_size, env.action_size, env.privileged_size) == (23, 8, 7)
-    np.testing.assert_allclose(world.action_scale, [0.04] * 7 + [0.005])
+    np.testing.assert_allclose(world.action_scale, [0.04] * 7 + [0.02])
     assert QUARTERS == 4
 
 
