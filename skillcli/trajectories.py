@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-# Safety limits, by column of `violations` and `violated`; without a box there are no columns of its limits.
-SAFETY_LIMITS = ("joint_range", "joint_speed", "table_clearance", "box_pressed", "box_tipped")
+# Safety limits, by column of `violations` and `violated`; without a box or a hand there are no columns of its limits.
+SAFETY_LIMITS = ("joint_range", "joint_speed", "table_clearance", "box_pressed", "box_tipped", "hand_force")
 
 # Dimensions and unit of every field of `Trajectories`, as the store keeps them.
 AXES = {
@@ -35,6 +35,7 @@ AXES = {
     "joint_position": ("episode,step+1,joint", "rad"),
     "gripper_position": ("episode,step+1,xyz", "m"),
     "object_pose": ("episode,step+1,pose", "m"),
+    "finger_position": ("episode,step+1,finger", "m"),
     "position": ("episode,step+1,xy", "m"),
     "judged_position": ("episode,step+1,xyz", "m"),
     "unstable": ("episode", ""),
@@ -63,6 +64,7 @@ class Trajectories:
     joint_position: Array | None = None  # (E, T+1, 7) rad
     gripper_position: Array | None = None  # (E, T+1, 3) m, the gripper site
     object_pose: Array | None = None  # (E, T+1, 7) m, quaternion w x y z
+    finger_position: Array | None = None  # (E, T+1, 2) m, how far each finger of a hand is open
     position: Array | None = None  # (E, T+1, 2) m, the point task
     judged_position: Array | None = None  # (E, T+1, 3) m, the achieved goal, only if it is not the point named above
     unstable: Array | None = None  # (E,) bool: the simulation diverged; the last recorded state is the one before
@@ -196,6 +198,7 @@ _PER_STEP = (
     "joint_position",
     "gripper_position",
     "object_pose",
+    "finger_position",
     "position",
     "judged_position",
 )

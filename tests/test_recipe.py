@@ -103,7 +103,7 @@ def test_another_task_brings_its_own_defaults() -> None:
         ("search.segments=[0]", "between 0 and 60 seconds", ""),
         ('task.names=["a","a"]', "8 goals need as many different names", ""),
         ("name=No Spaces", "expected 1 to 64 lower-case letters", ""),
-        ("task.name=juggle", "'task.name': expected one of 'point', 'reach', 'push', got 'juggle'", ""),
+        ("task.name=juggle", "'task.name': expected one of 'point', 'reach', 'push', 'blocks', got 'juggle'", ""),
         ("training=5", "'training': expected a table of keys, got 5", ""),
         ("iterations", "expected key=value", "--set training.iterations=20"),
         ("=5", "expected key=value", ""),

@@ -10,12 +10,15 @@ import mujoco
 from skillcli.config.randomization import PARAMETERS
 from skillcli.robots.robot import Robot, load_robot, load_target
 from skillcli.simulation.environment import Environment
+from skillcli.tasks.blocks.environment import BlocksEnvironment
 from skillcli.tasks.point.environment import PointEnvironment
 from skillcli.tasks.push.environment import PushEnvironment
 from skillcli.tasks.reach.environment import ReachEnvironment
+from skillcli.tasks.registry import find_task
 from skillcli.tasks.world import World
 
 SAWYER = load_robot("sawyer")
+PANDA = load_robot("panda")  # has a hand that grasps
 JOINTS = SAWYER.joint_count
 
 
@@ -25,8 +28,9 @@ def width(name: str) -> int:
 
 
 def world(task: Any, robot: Robot | None = None) -> World:
-    """A task on the Sawyer, or on another robot that plays it in its place."""
-    return World(task, SAWYER) if robot is None else World(task, SAWYER).on(robot)
+    """A task on the Sawyer, or the arm of a task that it cannot do, or on another robot that plays it in its place."""
+    usual = World(task, load_robot(find_task(task.name).robot))
+    return usual if robot is None else usual.on(robot)
 
 
 def target_robot(path: Path) -> Robot:
@@ -51,6 +55,13 @@ def push_env(task: Any, num_envs: int, threads: int = 0, delay: bool = False) ->
     """N simulations of push."""
     env = make_env(task, num_envs, threads, delay)
     assert isinstance(env, PushEnvironment)
+    return env
+
+
+def blocks_env(task: Any, num_envs: int, threads: int = 0, delay: bool = False) -> BlocksEnvironment:
+    """N simulations of blocks."""
+    env = make_env(task, num_envs, threads, delay)
+    assert isinstance(env, BlocksEnvironment)
     return env
 
 

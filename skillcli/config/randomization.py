@@ -91,6 +91,14 @@ PARAMETERS: dict[str, Parameter] = {
     "object_offset": Parameter(
         2, "m", "offset of the box from its nominal start, x and y; set beside an arm that it would stand in", -1, 1
     ),
+    "object_yaw": Parameter(1, "rad", "rotation of a block about the vertical, at its start", -3.2, 3.2),
+    "start_progress": Parameter(
+        1,
+        "share",
+        "how far on episodes begin where a hand grasps: at 0 where their skill begins, at 1 nearly at its end",
+        0,
+        1,
+    ),
 }
 # Parameters without effect unless another one is set.
 NEEDS = {
@@ -101,7 +109,7 @@ NEEDS = {
     "object_push": ("push_rate",),
     "push_rate": ("arm_push", "object_push"),
 }
-STARTS = ("start_offset", "object_offset")  # of where an episode begins
+STARTS = ("start_offset", "object_offset", "object_yaw", "start_progress")  # of where an episode begins
 SENSING = (
     "latency", "control_jitter", "observation_latency", "joint_noise", "position_noise", "joint_drift", "position_drift",
     "drift_time", "joint_offset", "position_offset",

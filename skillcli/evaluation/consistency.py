@@ -24,6 +24,7 @@ from skillcli.robots.config import FEWEST, MOST, bundled_robots, describe_robot,
 from skillcli.store import Artifact
 from skillcli.store.migrate import brought_up
 from skillcli.store.schema import check_parents
+from skillcli.tasks.registry import find_task
 from skillcli.tasks.world import recorded, sizes, skill_goals
 
 TRAINED = (
@@ -159,14 +160,14 @@ def _recording(recipe: Recipe, arrays: Arrays) -> Iterator[str]:
         yield f"its positions are not those of the {task.name} task"
 
 
-_PLACES = {"position", "gripper_position", "object_pose", "joint_position"}
+_PLACES = {"position", "gripper_position", "object_pose", "joint_position", "finger_position"}
 
 
 def _joints(recipe: Recipe, arrays: Arrays) -> int:
     """Return the joint count; if the robot's file is not bundled, the number of joints that moved."""
     if recipe.robot in bundled_robots():
         return len(describe_robot(recipe.robot).joints)
-    return int(arrays["trajectories/action"].shape[-1])
+    return int(arrays["trajectories/action"].shape[-1]) - find_task(recipe.task.name).grasps
 
 
 def _skills(recipe: Recipe, arrays: Arrays, results: Results) -> Iterator[str]:

@@ -6,14 +6,17 @@ import numpy as np
 
 from skillcli.evaluation.rollouts import rollout
 from skillcli.learning.agent import Agent
+from skillcli.simulation.environment import NO_SKILL
 from skillcli.tasks.world import MAX_SIMULATIONS, World
 from skillcli.trajectories import Array, Trajectories
 
 
 def rollout_held(
-    world: World, agent: Agent, latent: Array, target: Array, skill: Array, threads: int = 0
+    world: World, agent: Agent, latent: Array, target: Array, skill: Array, threads: int = 0, start: Array | None = None
 ) -> tuple[Trajectories, Array]:
     """Hold one latent (E, d) per episode from start to end; success is measured at its target (E, 3) m.
+
+    Episodes begin where these skills `start` (E,) do, by default where the task does.
 
     Returns:
         The recording, with the skills (E,), and the observations (E, T+1, o).
@@ -22,7 +25,7 @@ def rollout_held(
     for first in range(0, len(skill), MAX_SIMULATIONS):
         part = slice(first, first + MAX_SIMULATIONS)
         env = world.make_env(len(skill[part]), threads)
-        env.reset(np.arange(env.num_envs), np.zeros(env.num_envs, dtype=np.int64))
+        env.reset(np.arange(env.num_envs), np.full(env.num_envs, NO_SKILL) if start is None else start[part])
         env.desired_goal[:] = target[part]
         held = np.repeat(latent[part][:, None], env.horizon, axis=1)
         recording, observation = rollout(env, agent.act, held, np.repeat(skill[part][:, None], env.horizon, axis=1))

@@ -10,7 +10,7 @@ from skillcli.config import randomization
 from skillcli.recipe import Compose
 from skillcli.seeding import generator
 from skillcli.simulation.domains import find_domain
-from skillcli.simulation.environment import Environment
+from skillcli.simulation.environment import NO_SKILL, Environment
 from skillcli.tasks.world import World
 from skillcli.trajectories import Array
 
@@ -59,4 +59,4 @@ class SampledRobots:
         """Make each robot in every slot, at the start; simulation i is robot i modulo M."""
         which = np.arange(slots * self.count) % self.count
         parameters = {name: values[which] for name, values in self.parameters.items()}
-        return world.make_randomized_env(np.zeros(len(which), dtype=np.int64), parameters, generator(self.seed, "sensors"))
+        return world.make_randomized_env(np.full(len(which), NO_SKILL), parameters, generator(self.seed, "sensors"))

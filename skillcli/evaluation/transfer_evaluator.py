@@ -14,7 +14,7 @@ from skillcli.evaluation.replanning import Replanner
 from skillcli.evaluation.rollouts import rollout, rollout_waypoints
 from skillcli.seeding import generator
 from skillcli.simulation.domains import Domain
-from skillcli.simulation.environment import Environment
+from skillcli.simulation.environment import NO_SKILL, Environment
 from skillcli.tasks.world import MAX_SIMULATIONS, World, randomize_and_reset
 from skillcli.trajectories import Array, Trajectories
 
@@ -94,7 +94,7 @@ class TransferEvaluator:
     def replay(self, source: Trajectories, target: TargetRobots, episodes: int) -> Array:
         """Send the source's actions in turn and return the distance between the ends on target and source, (E,) m."""
         turn = np.arange(episodes) % source.episodes
-        actions = source.action / self.world.task.action_scale
+        actions = source.action / self.world.action_scale
 
         def send(env: Environment, part: slice) -> Trajectories:
             which = turn[part]
@@ -113,7 +113,7 @@ class TransferEvaluator:
         for first in range(0, episodes, MAX_SIMULATIONS):
             part = slice(first, min(first + MAX_SIMULATIONS, episodes))
             parameters = {name: values[part] for name, values in target.parameters.items()}
-            skill = np.zeros(part.stop - first, dtype=np.int64)
+            skill = np.full(part.stop - first, NO_SKILL)
             sensors = [generator(self.seed, f"sensors {target.name} {episode}") for episode in range(first, part.stop)]
             recordings.append(rollout_part(self.world.make_randomized_env(skill, parameters, sensors), part))
         return Trajectories.join(recordings)
@@ -126,6 +126,6 @@ class TransferEvaluator:
         for episode, waypoints in enumerate(schedule.waypoints):
             on_episode(episode, schedule.episodes)
             one = {name: values[episode : episode + 1] for name, values in target.parameters.items()}
-            randomize_and_reset(env, np.zeros(1, dtype=np.int64), one, generator(self.seed, f"sensors {target.name} {episode}"))
+            randomize_and_reset(env, np.full(1, NO_SKILL), one, generator(self.seed, f"sensors {target.name} {episode}"))
             recordings.append(replanner.episode(env, waypoints, steps * len(waypoints), self.seed))
         return Trajectories.join(recordings)

@@ -38,7 +38,7 @@ def export_policy(store: Store, artifact_id: ArtifactId, path: Path) -> Exported
     """Write the policy of an artifact, with normaliser, action limit, targets and metadata, into an ONNX file.
 
     Raises:
-        UsageError: the artifact has no policy.
+        UsageError: the artifact has no policy, or one that moves fingers.
         StoreError: the artifact cannot be read.
         SkillError: the extra packages are missing, the disk refuses, or the file does not answer as the library does; a file
             that was there is unchanged.
@@ -54,6 +54,11 @@ def export_policy(store: Store, artifact_id: ArtifactId, path: Path) -> Exported
     with replacing(path) as (temporary,):
         artifact = store.read(artifact_id)
         library = open_library(store, artifact)
+        if library.world.spec.grasps:
+            raise UsageError(
+                f"the {library.recipe.task.name} task moves the fingers of a hand, and exported policies command joints only",
+                "give a library of another task",
+            )
         world, targets = library.world, Targets.of(library.world)
         inputs, outputs = inputs_of(library, targets), outputs_of(library, targets)
         weights = Weights.of(library.agent, library.mean.shape[1])

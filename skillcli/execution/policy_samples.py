@@ -13,6 +13,7 @@ from skillcli.execution.policy_graph import Weights
 from skillcli.execution.policy_ports import Targets
 from skillcli.learning.networks import CLIP
 from skillcli.seeding import generator
+from skillcli.simulation.environment import NO_SKILL
 from skillcli.store import Artifact
 from skillcli.trajectories import Array
 
@@ -64,7 +65,7 @@ def random_samples(library: Library, weights: Weights, targets: Targets | None, 
 def start_sample(library: Library) -> tuple[Array, Mapping[str, Array]]:
     """Return what is observed at the start, (o,), and the recorded fields of that state."""
     env = library.world.make_env(1)
-    env.reset(np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64))
+    env.reset(np.zeros(1, dtype=np.int64), np.full(1, NO_SKILL))
     observation: Array = env.observe()[0].copy()
     return observation, {name: values[0] for name, values in env.recorded_state().items()}
 
@@ -85,7 +86,7 @@ def _play(library: Library, latent: Array, steps: Array, targets: Targets | None
     """Play latents (E, T, d) from the start, for control steps (E,); return what was observed before each step."""
     episodes, last = latent.shape[:2]
     env = library.world.make_env(episodes)
-    env.reset(np.arange(episodes), np.zeros(episodes, dtype=np.int64))
+    env.reset(np.arange(episodes), np.full(episodes, NO_SKILL))
     recording, observation = rollout(env, library.agent.act, latent, np.full((episodes, last), -1), steps)
     running = np.arange(last) < recording.length[:, None]  # (E, T)
     moved = np.cumsum(recording.action, axis=1) - recording.action  # before each step

@@ -16,7 +16,7 @@ from skillcli.gym.task_episodes import TaskEpisodes
 from skillcli.kinds import COMPOSE
 from skillcli.recipe import load_recipe, resolve
 from skillcli.store import filled_store_at
-from skillcli.tasks.registry import task_names
+from skillcli.tasks.registry import find_task, task_names
 from skillcli.tasks.world import World
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def make_task(
         goal_conditioned: whether observations are dictionaries with achieved and desired goal.
         recipe: a bundled recipe by name, or a TOML file, whose sections `task` and `robot` are taken; by default the task's
             own settings. What a recipe randomises in training is left out.
-        robot: a bundled robot, or a robot file.
+        robot: a bundled robot, or a robot file; by default one that can do the task.
         settings: KEY=VALUE settings, such as "task.horizon=100".
         threads: of the engine, 0 for all cores; results do not depend on it.
 
@@ -131,8 +131,8 @@ def world_of(task: str, recipe: str | None, robot: str | Path | None, settings: 
     """
     which = None if robot is None else str(robot)
     if recipe is None:
-        content: dict[str, Any] = {"name": task, "task": {"name": task}}
-        resolved = resolve(content if which is None else {**content, "robot": which}, settings, by_hand=True)
+        content: dict[str, Any] = {"name": task, "robot": which or find_task(task).robot, "task": {"name": task}}
+        resolved = resolve(content, settings, by_hand=True)
     else:
         resolved = load_recipe(recipe, settings, which)
     if resolved.task.name != task:

@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium import spaces
 
 from skillcli.gym.episodes import GoalChoice, Observations, Played, box
+from skillcli.simulation.environment import NO_SKILL
 from skillcli.tasks.world import World
 from skillcli.trajectories import Array
 
@@ -39,7 +40,7 @@ class TaskEpisodes:
 
     def begin(self, ids: Array, goals: Array) -> None:
         """See `Episodes`."""
-        self.env.reset(ids, np.zeros(len(ids), dtype=np.int64))
+        self.env.reset(ids, np.full(len(ids), NO_SKILL))
         self.env.desired_goal[ids] = goals
         self._seen, self._achieved = self.env.observe(), self.env.achieved_goal()
 

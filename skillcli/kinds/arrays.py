@@ -9,6 +9,7 @@ POSITIONS = {
     "trajectories/joint_position": Field(*AXES["joint_position"], required=False),
     "trajectories/gripper_position": Field(*AXES["gripper_position"], required=False),
     "trajectories/object_pose": Field(*AXES["object_pose"], required=False),
+    "trajectories/finger_position": Field(*AXES["finger_position"], required=False),
     "trajectories/position": Field(*AXES["position"], required=False),
 }
 """At least one of them is required."""

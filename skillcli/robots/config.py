@@ -67,6 +67,18 @@ class Gains(Section):
         return self
 
 
+class Hand(Section):
+    """A hand whose two fingers slide towards each other, for tasks that grasp; other tasks keep it closed."""
+
+    joints: tuple[str, str] = value(..., "the slide joint of each finger, zero where the fingers meet", "")
+    actuators: tuple[str, str] | None = value(None, "the position servo of each finger; by default the one on its joint")
+    widest: float = value(..., "between the open fingers", "m", gt=0, le=1)
+    force: float = value(
+        ..., "largest lasting force with which each finger presses, of the hand's own data sheet", "N", gt=0, le=1e4
+    )
+    speed: float = value(..., "largest speed at which the width between the fingers changes, of the same", "m/s", gt=0, le=10)
+
+
 class Workspace(Section):
     """Bounds of where the finger can be; goals outside are refused."""
 
@@ -86,6 +98,7 @@ class Description(Section):
     finger: tuple[str, ...] | None = value(
         None, "geoms, or bodies with all their geoms, that push; [] for none; without this key ours is mounted at the gripper"
     )
+    hand: Hand | None = value(None, "the two fingers of a hand that can grasp", "")
     verbatim: bool = value(
         False,
         "take the model as it is: the arm alone, with a position servo named after each joint, and the site `gripper`",

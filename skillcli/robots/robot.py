@@ -23,12 +23,15 @@ from skillcli.robots.config import (
     Workspace,
     blaming,
     bundled_file,
+    bundled_robots,
+    describe_robot,
     find_robot_file,
     read_description,
 )
 from skillcli.robots.mjcf import compile_model, find_model, quietly, read_mjcf
-from skillcli.robots.scene import Names, add_table, fingerprint, set_clock
+from skillcli.robots.scene import Hand, Names, add_table, fingerprint, set_clock
 from skillcli.robots.servos import Servo
+from skillcli.robots.two_fingers import find_hand
 from skillcli.trajectories import Array
 
 TRIED_TIMESTEP = 0.005  # s, of a `verbatim` model until a task sets its own
@@ -55,6 +58,7 @@ class Robot:
         summary: JSON-able description, stored with results.
         scene: arm and table; a task works on a copy.
         model: the scene, compiled.
+        hand: its two fingers, None without a hand that can grasp.
     """
 
     name: str
@@ -70,6 +74,7 @@ class Robot:
     summary: dict[str, Any]
     scene: mujoco.MjSpec
     model: mujoco.MjModel
+    hand: Hand | None = None
 
     @property
     def which(self) -> str:
@@ -125,6 +130,20 @@ class Robot:
         if not self.names.finger:
             with blaming(self.path):
                 raise UsageError("finger: [] leaves nothing to push with", "name its geoms, or leave `finger` out for ours")
+
+    def graspers(self) -> Hand:
+        """Return the two fingers.
+
+        Raises:
+            UsageError: the robot has no hand that can grasp.
+        """
+        if self.hand is None:
+            able = ", ".join(name for name in bundled_robots() if describe_robot(name).hand)
+            raise UsageError(
+                f"robot {self.which} has no hand that can grasp: its file has no section [hand]",
+                f"take one that has: {able}; or describe the two fingers there (docs/robot-files.md)",
+            )
+        return self.hand
 
     def check_start(self, start: tuple[float, ...]) -> None:
         """Refuse a start (n,) rad that does not fit this arm.
@@ -245,6 +264,7 @@ def _taken_as_it_is(path: Path, name: str, description: Description, source: Rob
         summary={"file": path.name, "model": Path(description.model).name, "joints": list(description.joints), "notes": notes},
         scene=scene,
         model=model,
+        hand=find_hand(model, description, prefix=""),
     )
 
 
@@ -287,6 +307,7 @@ def _imported(path: Path, name: str, description: Description, source: Robot | N
         summary=_summary(path, description, model, servos, notes, away, source),
         scene=scene,
         model=model,
+        hand=find_hand(model, description, import_mjcf.PREFIX),
     )
 
 
@@ -319,8 +340,9 @@ _LATER = ("description", "verbatim", "starts", "speed_limit", "workspace")  # ke
 
 def _fingerprint(description: Description, scene: mujoco.MjSpec, model: mujoco.MjModel) -> str:
     later = {key for key in _LATER if key not in description.model_fields_set}  # older files keep their fingerprint
-    # what only an execution keeps to changes nothing of what is trained and simulated
-    said = description.model_dump(mode="json", exclude={"model", "acceleration_limit", *later})
+    # What only an execution keeps to changes nothing of what is trained and simulated. A hand changes only the scenes of tasks
+    # that grasp, and these have a hash of their own.
+    said = description.model_dump(mode="json", exclude={"model", "acceleration_limit", "hand", *later})
     text = re.sub(r'(file|meshdir|texturedir)="[^"]*"', "", scene.to_xml())  # paths do not count
     digest = hashlib.sha256(json.dumps([said, text], sort_keys=True).encode())
     digest.update(model.mesh_vert.tobytes())  # contents do

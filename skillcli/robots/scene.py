@@ -31,6 +31,16 @@ class Names(NamedTuple):
     finger: tuple[str, ...]  # geoms that push
 
 
+class Hand(NamedTuple):
+    """The two fingers of a hand in the scene, and their data sheet."""
+
+    joints: tuple[str, str]  # slide joints, zero where the fingers meet
+    servos: tuple[str, str]  # the position actuator of each
+    widest: float  # m, between the open fingers
+    force: float  # N, largest lasting force of each finger
+    speed: float  # m/s, largest change of the width
+
+
 def set_clock(spec: mujoco.MjSpec, servos: Iterable[str], timestep: float, delay: bool) -> None:
     """Set the time step, s, and let servos store past commands, for their own delay and, with `delay`, that of a domain."""
     spec.option.timestep = timestep

@@ -15,6 +15,7 @@ from skillcli.simulation.arms import ArmBatch
 from skillcli.simulation.chance import Rng
 from skillcli.simulation.disturbance import Disturbance
 from skillcli.simulation.environment import Array, ObservationTerm, RewardTerms, StateEstimate, Step, signed, total_reward
+from skillcli.simulation.fingers import Fingers
 from skillcli.simulation.safety import RANGE_TOLERANCE, STIFF_TABLE_TOLERANCE, Clearance
 from skillcli.simulation.sensors import Sensors
 from skillcli.simulation.settings import ArmTask
@@ -32,7 +33,8 @@ class ArmEnvironment:
 
     Observation: J joint angles, rad, and one position, m; then further terms of the task; then, if the task asks for it, the
     difference between commanded and measured joint angles, rad, which shows commands that are delayed or not yet followed.
-    Action (J): joint increments in units of the action limit.
+    Action (J): joint increments in units of the action limit; of a task that grasps (J+1), the last an increment of the width
+    between the fingers, in units of `Fingers.MAX_LEAD`.
 
     Args:
         task: start, clock and limits.
@@ -43,6 +45,7 @@ class ArmEnvironment:
         delay: whether a domain may delay the actuators.
     """
 
+    grasps = False  # whether the fingers move
     failure_reward = 0.0  # reward of the step that fails
     table_tolerance = STIFF_TABLE_TOLERANCE
     position_term = ObservationTerm("gripper_position", "m", 3, BASE)  # the position observed after the joints
@@ -55,16 +58,17 @@ class ArmEnvironment:
         self.control_period = self.sensor_period = task.control_period  # s; how often sensors advance, see `coast`
         self._observe_command = task.observe_command
         joints = robot.joint_count
-        self.joints = self.action_size = joints
+        self.joints, self.action_size = joints, joints + self.grasps
         self.observation_size = sum(term.size for term in self.observation_terms(task, joints))
         self.privileged_size = sum(term.size for term in self.privileged_terms)
         self.shown_size = sum(term.size for term in self.shows(task))
         spec = self.scene(task, robot, delay)
         substeps = round(task.control_period / spec.option.timestep)
-        self.arms = ArmBatch(spec.compile(), num_envs, substeps, task.action_limit, robot.names, threads)
+        hand = robot.graspers() if self.grasps else None
+        self.arms = ArmBatch(spec.compile(), num_envs, substeps, task.action_limit, robot.names, threads, hand)
         self.goals = goals
         self.desired_goal = np.zeros((num_envs, 3))
-        self.applied, self.unstable = np.zeros((num_envs, joints)), np.zeros(num_envs, dtype=bool)
+        self.applied, self.unstable = np.zeros((num_envs, self.action_size)), np.zeros(num_envs, dtype=bool)
         self._start = np.array(start_of(task, robot))
         self._speed_limit = robot.speed_limit
         self._start_offset = np.zeros((num_envs, joints))  # rad
@@ -177,7 +181,7 @@ class ArmEnvironment:
 
     def observe(self) -> Array:
         """See `Environment`."""
-        joints = self.action_size
+        joints = self.joints
         measured = joints + 3
         observation = np.empty((self.num_envs, self.observation_size), dtype=np.float32)
         if self._sensors is None:
@@ -196,7 +200,7 @@ class ArmEnvironment:
     def randomize(self, parameters: Mapping[str, Array], rng: Rng) -> None:
         """See `Environment`."""
         self.arms.randomize(parameters)
-        start = np.broadcast_to(parameters.get("start_offset", 0.0), (self.num_envs, self.action_size))
+        start = np.broadcast_to(parameters.get("start_offset", 0.0), (self.num_envs, self.joints))
         offset = parameters.get("joint_offset")
         self._joint_offset = offset if offset is not None and offset.any() else None
         # The arm starts where its encoders show the start. Later an offset of the encoders has no effect on increments: the
@@ -207,14 +211,14 @@ class ArmEnvironment:
             self._disturbance = Disturbance(parameters, self.num_envs, self.arms.substeps, self.control_period, rng)
         if sensors.needed(parameters):
             true = self._true()
-            self._sensors = Sensors(parameters, self.num_envs, self.sensor_period, rng, self.action_size, true.shape[1])
+            self._sensors = Sensors(parameters, self.num_envs, self.sensor_period, rng, self.joints, true.shape[1])
             self._sensors.reset(np.arange(self.num_envs), true)
 
     def step(self, action: Array) -> Step:
         """See `Environment`."""
         before = self._commanded()
-        self.applied = self._move(self.arms.action_limit * action)
-        self._past.append((self._measured[:, : self.action_size], before))
+        self.applied = self._apply(action)
+        self._past.append((self._measured[:, : self.joints], before))
         self._elapsed += 1
         self.unstable = self.arms.unstable()
         failed = self.failed()
@@ -242,7 +246,7 @@ class ArmEnvironment:
     def measure(self) -> tuple[Array, Array | None]:
         """Return joint angles (N, J) rad and object poses (N, 7), or None without one, as the sensors show them now."""
         self.observe()
-        return self._measured[:, : self.action_size].astype(float), self.object_seen()
+        return self._measured[:, : self.joints].astype(float), self.object_seen()
 
     def set_active(self, ids: Array | None) -> None:
         """See `Environment`."""
@@ -257,19 +261,23 @@ class ArmEnvironment:
         if again:
             self._past.clear()
         else:
-            self._past.append((self._measured[:, : self.action_size], self._commanded()))
+            self._past.append((self._measured[:, : self.joints], self._commanded()))
 
     def estimate_state(self) -> StateEstimate:
         """See `Environment`: joint angles and velocities, the last commands, and the pose of the object."""
         steps = min(2, len(self._past))  # over one step the noise would dominate the velocity
-        velocity = np.zeros((self.num_envs, self.action_size))
+        velocity = np.zeros((self.num_envs, self.joints))
         if steps:
-            velocity[:] = (self._measured[:, : self.action_size] - self._past[-steps][0]) / (steps * self.control_period)
+            velocity[:] = (self._measured[:, : self.joints] - self._past[-steps][0]) / (steps * self.control_period)
         commands = [command for _, command in self._past]
         commands = [*commands, self._commanded()]
         commands = [commands[0]] * (REMEMBERED + 1 - len(commands)) + commands
         object_pose = self.object_seen()
-        parts = (self._measured[:, : self.action_size], velocity, *commands, *(() if object_pose is None else (object_pose,)))
+        parts: list[Array] = [self._measured[:, : self.joints], velocity, *commands]
+        if self.grasps:
+            parts += [self.arms.fingers.width[:, None], self.arms.fingers.commanded[:, None]]
+        if object_pose is not None:
+            parts.append(object_pose)
         state = np.concatenate(parts, axis=1)
         return StateEstimate(state, self.estimate_achieved_goal(object_pose), self.estimate_tilt(object_pose))
 
@@ -279,7 +287,7 @@ class ArmEnvironment:
 
     def estimate_achieved_goal(self, object_pose: Array | None) -> Array:
         """Return the estimated achieved goal, (N, 3) m."""
-        return self._measured[:, self.action_size :].astype(float)
+        return self._measured[:, self.joints :].astype(float)
 
     def estimate_tilt(self, object_pose: Array | None) -> Array:
         """Return the estimated tilt of the object, (N, 2), see `StateEstimate`."""
@@ -291,11 +299,13 @@ class ArmEnvironment:
 
     def set_estimated_state(self, ids: Array, state: Array, sag: Array | None = None) -> None:
         """See `Environment`."""
-        n = self.action_size
-        joints, velocity, rest = state[:, :n], state[:, n : 2 * n], state[:, 2 * n :]
-        commands = rest[:, : n * (REMEMBERED + 1)].reshape(len(ids), REMEMBERED + 1, n)
-        pose = rest[:, n * (REMEMBERED + 1) :]
-        self.arms.set_state(ids, joints, velocity, commands, pose if pose.shape[1] else None, sag)
+        n = self.joints
+        ends = np.cumsum([n, n, n * (REMEMBERED + 1), 2 * self.grasps])
+        joints, velocity, commands, hand, pose = np.split(state, ends, axis=1)
+        commands = commands.reshape(len(ids), REMEMBERED + 1, n)
+        self.arms.set_state(
+            ids, joints, velocity, commands, pose if pose.shape[1] else None, sag, hand if hand.shape[1] else None
+        )
 
     def _commanded(self) -> Array:
         """Return the commands as the controller reads them, (N, J) rad: with the offset of the encoders."""
@@ -303,6 +313,13 @@ class ArmEnvironment:
             return self.arms.commanded.copy()
         shown: Array = self.arms.commanded + self._joint_offset
         return shown
+
+    def _apply(self, action: Array) -> Array:
+        """Apply actions (N, a) for a control step; return how far the commands moved, (N, a) rad, and m of the width."""
+        if not self.grasps:
+            return self._move(self.arms.action_limit * action)
+        moved = self.arms.fingers.move(Fingers.MAX_LEAD * np.clip(action[:, -1], -1.0, 1.0))
+        return np.column_stack([self._move(self.arms.action_limit * action[:, :-1]), moved])
 
     def _move(self, increment: Array) -> Array:
         if self._disturbance is None:

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 import skillcli.robots.quiet  # noqa: F401
 from skillcli.robots.posture import joint_ranges
-from skillcli.robots.scene import GRIPPER, Names
+from skillcli.robots.scene import GRIPPER, Hand, Names
 from skillcli.simulation import table
+from skillcli.simulation.fingers import Fingers
 from skillcli.simulation.targets import command_range, next_target
 
 Array = NDArray[Any]
@@ -22,6 +23,7 @@ Array = NDArray[Any]
 _NEW_STATE = int(mujoco.mjtStage.mjSTAGE_VEL)
 
 OBJECT = "box"
+MOST_OBJECTS = 3  # "box", "box2", "box3"
 CONTACT_FORCE = "contact_force"  # sensor of the force on whatever touches the arm, in scenes that have one
 
 LEVER_DAMPING = 0.03  # m/rad: damps joints with a shorter lever
@@ -57,12 +59,14 @@ class ArmBatch:
 
     Args:
         model: has n joints with one position servo each, whose controls follow each other in that order, the site
-            "gripper" and the geom "table"; it may have one object, a body "box" with a free joint and a geom of that name.
+            "gripper" and the geom "table"; it may have an object, a body "box" with a free joint and a geom of that name, and
+            behind it further ones, see `object_names`.
         num_envs: simulations.
         substeps: physics steps per control step.
         action_limit: largest joint increment per control step, rad.
         names: the model's names of joints, servos and finger.
         threads: of the engine; results do not depend on it. 0 takes all cores.
+        hand: two fingers that move; None if they stay as the model has them.
     """
 
     # The target may lead the arm by this much, rad: the servos lag 0.08 rad at full speed, and an arm that is held back
@@ -77,6 +81,7 @@ class ArmBatch:
         action_limit: float,
         names: Names,
         threads: int = 0,
+        hand: Hand | None = None,
     ) -> None:
         self.model, self.num_envs, self.substeps, self.action_limit = model, num_envs, substeps, action_limit
         self.batch = Batch(model, num_envs, threads, persistent=True)
@@ -97,15 +102,14 @@ class ArmBatch:
         self._qpos, self._ctrl = self.batch.bind("qpos"), self.batch.bind("ctrl")[:, first : first + len(servos)]
         self._site = self.batch.bind("site_xpos")[:, model.site(GRIPPER).id]
         self._site_axes = self.batch.bind("site_xmat")[:, model.site(GRIPPER).id]
-        self._has_object = any(model.joint(j).name == OBJECT for j in range(model.njnt))
-        if self._has_object:
-            joint = model.joint(OBJECT)
-            self._object_qpos = slice(joint.qposadr[0], joint.qposadr[0] + 7)
-            self._object_qvel = slice(joint.dofadr[0], joint.dofadr[0] + 6)
+        self.objects = object_names(model)
+        if self.objects:
+            self.attend(0)
         if any(model.sensor(k).name == CONTACT_FORCE for k in range(model.nsensor)):
             first = model.sensor(CONTACT_FORCE).adr[0]
             self._contact_force = slice(first, first + 3)
         self._qvel = self.batch.bind("qvel")
+        self._fingers = None if hand is None else Fingers(self.batch, hand)
         self._default_row = self.batch.state[0].copy()
         self.active: Array | None = None  # ids of the simulations to step; None for all
         self._perturbed: set[str] = set()  # model fields that differ between simulations
@@ -137,6 +141,12 @@ class ArmBatch:
         speed: Array = self._qvel[:, self._dof_address]
         return speed
 
+    @property
+    def fingers(self) -> Fingers:
+        """Return the two fingers of the hand; only where they move."""
+        assert self._fingers is not None
+        return self._fingers
+
     def past_range(self) -> Array:
         """Return how far each joint is beyond its range, (N, J) rad; negative inside."""
         low, high = self._range.T
@@ -160,6 +170,20 @@ class ArmBatch:
         direction: Array = self._site_axes.reshape(-1, 3, 3)[:, :, 2]
         return direction
 
+    def attend(self, index: int) -> None:
+        """Choose the object, of several, that pose and velocity are of from now on."""
+        joint = self.model.joint(self.objects[index])
+        self.attended = index
+        self._object_qpos = slice(joint.qposadr[0], joint.qposadr[0] + 7)
+        self._object_qvel = slice(joint.dofadr[0], joint.dofadr[0] + 6)
+
+    @property
+    def object_poses(self) -> Array:
+        """Return the poses of all objects, one after the other, (N, 7K) m and w x y z; a live view."""
+        first = self.model.joint(self.objects[0]).qposadr[0]
+        poses: Array = self._qpos[:, first : first + 7 * len(self.objects)]
+        return poses
+
     @property
     def object_pose(self) -> Array:
         """Return the pose of the object in the base frame, (N, 7) m and w x y z; a live view."""
@@ -178,13 +202,13 @@ class ArmBatch:
         force: Array = self.batch.bind("sensordata")[:, self._contact_force]
         return force
 
-    def reset_to(self, ids: Array, joint_position: Array, object_pose: Array | None = None) -> None:
+    def reset_to(self, ids: Array, joint_position: Array, object_pose: Array | None = None, hand: Array | None = None) -> None:
         """Put arms at rest at joint angles (n, J) rad, clipped to the joint range, with servos holding them there.
 
-        An object is put at rest at poses (n, 7) m and w x y z.
+        An object is put at rest at poses (n, 7) m and w x y z, several at poses (n, 7K); for the hand see `set_state`.
         """
         q = np.clip(joint_position, self._low, self._high)
-        self.set_state(ids, q, np.zeros_like(q), q[:, None], object_pose)
+        self.set_state(ids, q, np.zeros_like(q), q[:, None], object_pose, hand=hand)
 
     def set_state(
         self,
@@ -194,8 +218,9 @@ class ArmBatch:
         commands: Array,
         object_pose: Array | None = None,
         sag: Array | None = None,
+        hand: Array | None = None,
     ) -> None:
-        """Put arms into a state of motion; an object is at rest.
+        """Put arms into a state of motion; an object and the fingers are at rest.
 
         Args:
             ids: (n,) simulations.
@@ -203,17 +228,20 @@ class ArmBatch:
             joint_velocity: (n, J) rad/s.
             commands: (n, c, J) rad, commanded angles of the last control steps, the present one last; before them the first
                 one was held.
-            object_pose: (n, 7) m and w x y z.
+            object_pose: (n, 7) m and w x y z; of several objects (n, 7K).
             sag: (n, J) rad, resting offset of the joints from their commands: from now on a torque pulls them there. It is part
                 of the state; at most `largest_sag`.
+            hand: (n, 2) m, width between the fingers, and the commanded width.
         """
         self.batch.state[ids] = self._default_row
         self._qpos[np.ix_(ids, self._qpos_address)] = joint_position
         self._qvel[np.ix_(ids, self._dof_address)] = joint_velocity
         if object_pose is not None:
-            self._qpos[ids, self._object_qpos] = object_pose
+            self.object_poses[ids] = object_pose
         if sag is not None:
             self.batch.bind("qfrc_applied")[np.ix_(ids, self._dof_address)] = self._stiffness * sag
+        if hand is not None:
+            self.fingers.set_state(ids, hand)
         self._ctrl[ids] = commands[:, -1]
         self._history.fill(ids, commands)  # else the servos would first follow a history of zeros
         self.batch.forward(np.sort(ids), stage=_NEW_STATE)
@@ -282,10 +310,10 @@ class ArmBatch:
         servos = np.array([model.actuator(name).id for name in self.names.servos])
         top = model.geom("table").id
         touching = np.array(
-            [model.geom(name).id for name in ("table", *((OBJECT, *self.names.finger) if self._has_object else ()))]
+            [model.geom(name).id for name in ("table", *((*self.objects, *self.names.finger) if self.objects else ()))]
         )
-        objects = np.array([model.body(OBJECT).id] if self._has_object else [], dtype=int)
-        boxes = np.array([model.geom(OBJECT).id] if self._has_object else [], dtype=int)
+        objects = np.array([model.body(name).id for name in self.objects], dtype=int)
+        boxes = np.array([model.geom(name).id for name in self.objects], dtype=int)
         changed: dict[str, list[tuple[str, tuple[Any, ...], int]]] = {
             # parameter: model field, index in it, and the power to which it multiplies; 0: it is added
             "link_mass": [("body_mass", (links,), 1), ("body_inertia", (links,), 1)],
@@ -329,7 +357,7 @@ class ArmBatch:
         """Apply forces (N, 3) N to the last link and to the box, if there is one, until `release`."""
         forces = self.batch.bind("xfrc_applied")
         forces[:, self.model.site("gripper").bodyid[0], :3] = arm
-        if self._has_object:
+        if self.objects:
             forces[:, self.model.body(OBJECT).id, :3] = box
 
     def release(self) -> None:
@@ -364,6 +392,12 @@ class ArmBatch:
             return np.zeros(self.num_envs, dtype=bool)
         broken: Array = ~((np.abs(qpos).max(axis=1) < _FARTHEST) & (np.abs(qvel).max(axis=1) < _FASTEST))
         return broken
+
+
+def object_names(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Return the names of the objects in a model in order."""
+    known = {model.joint(joint).name for joint in range(model.njnt)}
+    return tuple(name for name in (OBJECT, *(f"{OBJECT}{index}" for index in range(2, MOST_OBJECTS + 1))) if name in known)
 
 
 def _unless(neutral: float, values: Array | None) -> Array | None:

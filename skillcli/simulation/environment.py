@@ -14,9 +14,12 @@ from skillcli.simulation.chance import Rng
 from skillcli.trajectories import SAFETY_LIMITS, Array
 
 __all__ = [
-    "SAFETY_LIMITS", "Array", "Environment", "ObservationTerm", "RewardTerms", "StateEstimate", "Step", "signed",
+    "NO_SKILL", "SAFETY_LIMITS", "Array", "Environment", "ObservationTerm", "RewardTerms", "StateEstimate", "Step", "signed",
     "total_reward",
 ]  # fmt: skip
+
+
+NO_SKILL = -1  # of an episode in which a whole task is done: it begins where the task does, and its goal comes afterwards
 
 
 class Step(NamedTuple):
@@ -86,7 +89,10 @@ class Environment(Protocol):
         """Names of the terms of the reward."""
 
     def reset(self, ids: Array, skill: Array) -> None:
-        """Put these simulations at the start, with the goals of these skills (n,), and their clocks at zero."""
+        """Put these simulations at the start, with the goals of these skills (n,) or `NO_SKILL`, and their clocks at zero.
+
+        Some tasks have another start for each skill.
+        """
 
     def mix_goals(self, ids: Array, weights: Array) -> None:
         """Ask of these simulations, after a reset, the mixture of the skills' goals with weights (n, K) that add to one.

@@ -34,7 +34,8 @@ def embed_means(store: Store, source_id: ArtifactId, command: str, name: str | N
     latent = np.concatenate([mean, mean[pairs].mean(axis=1)])
     target = np.concatenate([library.goals, library.goals[pairs].mean(axis=1)])
     latent_skill = np.concatenate([skills, np.full(len(pairs), -1)])
-    recording = rollout_held(library.world, library.agent, latent, target, latent_skill)[0]
+    start = np.concatenate([skills, pairs[:, 0]])
+    recording = rollout_held(library.world, library.agent, latent, target, latent_skill, start=start)[0]
     distance = metrics.final_distance(recording)
     judged = judge_map(library, source.seed) if library.recipe.mixtures.share else None
     return store.write(

@@ -88,6 +88,11 @@ def execute(
         raise UsageError(
             f"the {recipe.task.name} task has no arm to execute it", "give a plan of a task on an arm, such as reach"
         )
+    if library.world.spec.grasps:
+        raise UsageError(
+            f"the {recipe.task.name} task moves the fingers of a hand, and drivers command the joints of an arm only",
+            "in the simulation: skill transfer-eval",
+        )
     world = library.world if via.robot is None else library.world.on(via.robot)
     if asked.replan and asked.dry:
         raise UsageError(

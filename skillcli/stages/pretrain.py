@@ -195,7 +195,7 @@ def evaluate(recipe: Recipe, world: World, agent: Agent, seed: int, threads: int
     skill = np.repeat(np.arange(skills), samples)
     latent_skill = np.where(np.arange(skills * samples) % samples == 0, skill, -1)  # -1: not the mean of any skill
     recording, observation = rollout_held(
-        world, agent, latent.reshape(-1, mean.shape[1]), world.goals[skill], latent_skill, threads
+        world, agent, latent.reshape(-1, mean.shape[1]), world.goals[skill], latent_skill, threads, start=skill
     )
     window = np.arange(observation.shape[1] - agent.window, observation.shape[1]).clip(min=0)  # padded as in training
     kept = [k * samples + m for k in range(skills) for m in range(min(samples, 1 + recipe.evaluation.stored))]

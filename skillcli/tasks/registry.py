@@ -22,7 +22,7 @@ from skillcli.errors import UsageError
 from skillcli.paths import read_small
 from skillcli.tasks.spec import TaskSpec
 
-ROOMS = ("point", "reach", "push")
+ROOMS = ("point", "reach", "push", "blocks")
 ENTRY_POINTS = "skillcli.tasks"
 MAX_SOURCE_BYTES = 1 << 20  # larger than the Python file of any task
 _OF_USERS: dict[str, TaskSpec] = {}  # by name, loaded from files

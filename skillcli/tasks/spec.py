@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import mujoco
 
+from skillcli.robots.config import DEFAULT_ROBOT
 from skillcli.robots.robot import Robot
 from skillcli.simulation.environment import Array, Environment, ObservationTerm
 from skillcli.simulation.settings import TaskSettings
@@ -89,6 +90,8 @@ class TaskSpec:
         cost_to_go: cost that planners use, for settings, see `composition.route.CostToGo`; returns None if the straight
             distance is enough.
         uses_robot: whether an arm takes part.
+        robot: a bundled arm that can do it, for whoever names neither a robot nor a recipe.
+        grasps: whether the width between the fingers of its hand is one more action.
         placed: keys of the section `task` that `place` fills in.
         place: fills in open keys of the section `task` on another robot than the default one, from the settings and the
             robot; by default only the robot's start.
@@ -107,6 +110,8 @@ class TaskSpec:
     fit_route: Callable[[Any, Route], Route] = unchanged_route
     chains: Mapping[str, str] = field(default_factory=dict)
     uses_robot: bool = True
+    robot: str = DEFAULT_ROBOT
+    grasps: bool = False
     placed: tuple[str, ...] = ()
     place: Callable[[Any, Robot], dict[str, Any]] | None = None
     cost_to_go: Callable[[Any], Any] = straight_distance

@@ -15,6 +15,7 @@ from skillcli.robots.robot import Robot, load_robot
 from skillcli.robots.scene import fingerprint
 from skillcli.simulation.chance import Rng
 from skillcli.simulation.environment import Array, Environment, ObservationTerm
+from skillcli.simulation.fingers import Fingers
 from skillcli.simulation.settings import TaskSettings
 from skillcli.tasks.goals import typed
 from skillcli.tasks.registry import find_task
@@ -106,6 +107,14 @@ class World:
         return self.robot.joint_count
 
     @property
+    def action_scale(self) -> Array:
+        """Return the size of an action of one, (a,): rad of each joint, and m of the width between fingers."""
+        scale = np.full(self.sizes[1], self.task.action_scale)
+        if self.spec.grasps:
+            scale[-1] = Fingers.MAX_LEAD
+        return scale
+
+    @property
     def sizes(self) -> tuple[int, int, int]:
         """Return the sizes of observation, action and privileged observation, without a simulation."""
         return sizes(self.task, self.joints)
@@ -181,7 +190,7 @@ def sizes(task: TaskSettings, joints: int) -> tuple[int, int, int]:
     environment = spec.environment()
     observation = sum(term.size for term in environment.observation_terms(task, joints))
     privileged = sum(term.size for term in environment.privileged_terms)
-    return observation, joints if spec.uses_robot else observation, privileged
+    return observation, joints + spec.grasps if spec.uses_robot else observation, privileged
 
 
 def recorded(task: TaskSettings, joints: int) -> dict[str, int]:

@@ -98,7 +98,12 @@ def geom_color(model: mujoco.MjModel, geom: int) -> Array:
 
 
 def body_poses(
-    model: mujoco.MjModel, joints: tuple[str, ...], joint_position: Array, object_pose: Array | None = None
+    model: mujoco.MjModel,
+    joints: tuple[str, ...],
+    joint_position: Array,
+    object_pose: Array | None = None,
+    fingers: tuple[str, ...] = (),
+    finger_position: Array | None = None,
 ) -> tuple[Array, Array]:
     """Compute the poses of all bodies for a sequence of arm postures.
 
@@ -107,17 +112,22 @@ def body_poses(
         joints: names of the arm's joints in the model.
         joint_position: (n, joints) rad.
         object_pose: (n, 7) m and w x y z, or None.
+        fingers: names of the slide joints of a hand.
+        finger_position: (n, 2) m, how far each is open; None leaves them closed.
 
     Returns:
         Positions (n, bodies, 3) m and quaternions (n, bodies, 4) x y z w, in the frame of the world.
     """
     data = mujoco.MjData(model)
     arm = [_address(model, name) for name in joints]
+    slides = [] if finger_position is None else [_address(model, name) for name in fingers]
     box = 0 if object_pose is None else _address(model, BOX_JOINT)
     positions = np.empty((len(joint_position), model.nbody, 3))
     quaternions = np.empty((len(joint_position), model.nbody, 4))
     for row, posture in enumerate(joint_position):
         data.qpos[arm] = posture
+        if finger_position is not None and slides:
+            data.qpos[slides] = finger_position[row]
         if object_pose is not None:
             data.qpos[box : box + 7] = object_pose[row]
         mujoco.mj_kinematics(model, data)

@@ -67,6 +67,7 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
         trajectories=recording,
         model=world.model(),
         joints=world.robot.names.joints,
+        fingers=world.robot.graspers().joints if world.spec.grasps else (),
         skills=library.names,
         goals=library.goals,
         waypoints=waypoints,

@@ -67,6 +67,7 @@ class Scene:
     )  # (E,) episode of the source that each one repeats
     other_robot: str = ""  # file of the robot that ran the episodes, if it is not the source's
     source_model: mujoco.MjModel | None = None  # of the source, if `model` is the other robot's; None: `model` is the source's
+    fingers: tuple[str, ...] = ()  # names of the slide joints of its hand, where they move
     source_joints: tuple[str, ...] = ()  # names of the arm's joints in the source's model
     parameters: Mapping[str, Array] = field(default_factory=dict)  # (E,) or (E, n); NaN: not varied by the domain
     pace: float = 1.0  # control steps of the source in one of these episodes: below one they are slower

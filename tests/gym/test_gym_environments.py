@@ -49,6 +49,8 @@ def test_every_task_is_registered_under_its_name() -> None:
         "skill/ReachGoal-v0",
         "skill/Push-v0",
         "skill/PushGoal-v0",
+        "skill/Blocks-v0",
+        "skill/BlocksGoal-v0",
     ]
     assert {*IDS, "skill/Latent-v0"} <= gymnasium.registry.keys()
     assert registered.task_id("pick_and-place") == "skill/PickAndPlace-v0"

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from worlds import JOINTS, push_env, reach_env, width
+from worlds import JOINTS, blocks_env, push_env, reach_env, width
 
 from skillcli.config.randomization import IDENTITY, PARAMETERS, Distribution, sample
+from skillcli.tasks.blocks.settings import BlocksTask
 from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.reach.settings import ReachTask
 from skillcli.trajectories import Array
@@ -18,9 +19,16 @@ CHANGED = {
     "latency": 0.05, "control_jitter": 0.05, "observation_latency": 0.07, "drift_time": 1.0, "table_height": 0.005,
     "table_tilt": 0.02, "joint_noise": 0.01, "position_noise": 0.01, "joint_drift": 0.01, "position_drift": 0.01,
     "joint_offset": 0.02, "position_offset": 0.01, "push_rate": 10.0, "arm_push": 2.0, "object_push": 0.02,
-    "command_restart": 0.5, "start_offset": 0.02, "object_offset": 0.02,
+    "command_restart": 0.5, "start_offset": 0.02, "object_offset": 0.02, "start_progress": 0.9,
 }  # fmt: skip
 # A box that is knocked about feels friction, mass and size; drift feels its time.
+OVER = (0.0, 0.0294, 0.0, -2.3707, 0.0, 2.4004, 0.785)  # of the Panda, above a block
+TASKS = {
+    reach_env: ReachTask(),
+    push_env: PushTask(),
+    blocks_env: BlocksTask(start=OVER, goals=((0.5, 0.0, 0.15),), names=("lift",)),
+}
+OF_BLOCKS = ("object_yaw", "start_progress")  # without effect elsewhere
 BUSY = {"push_rate": 20.0, "object_push": 0.05, "joint_drift": 0.001, "drift_time": 0.1}
 
 
@@ -31,12 +39,12 @@ def full(num_envs: int, values: dict[str, float]) -> dict[str, Array]:
 
 def ran(kind: Any, parameters: dict[str, Array] | None, seed: int = 0, threads: int = 0, steps: int = 6) -> Array:
     """What is seen and judged in some steps of two simulations."""
-    env = kind(ReachTask() if kind is reach_env else PushTask(), 2, threads, delay=True)
+    env = kind(TASKS[kind], 2, threads, delay=True)
     if parameters is not None:
         env.randomize(parameters, np.random.default_rng(seed))
     env.reset(np.arange(2), np.zeros(2, dtype=np.int64))
     seen = [np.concatenate([env.observe(), env.achieved_goal(), env.privileged()], axis=1)]
-    for action in np.random.default_rng(7).uniform(-1, 1, (steps, 2, 7)):
+    for action in np.random.default_rng(7).uniform(-1, 1, (steps, 2, env.action_size)):
         step = env.step(action)
         seen.append(np.concatenate([step.observation, env.achieved_goal(), env.privileged()], axis=1))
     return np.stack(seen)
@@ -60,9 +68,11 @@ def busy() -> Array:
 
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_any_other_value_changes_what_happens_or_what_is_seen(busy: Array, name: str) -> None:
-    changed = ran(push_env, full(2, {**BUSY, name: CHANGED.get(name, 1.5)}))
+    kind = blocks_env if name in OF_BLOCKS else push_env
+    changed = ran(kind, full(2, {**BUSY, name: CHANGED.get(name, 1.5)}))
     assert np.isfinite(changed).all()
-    assert np.abs(changed - busy)[..., :13].max() > 1e-6
+    before = ran(kind, full(2, BUSY)) if name in OF_BLOCKS else busy
+    assert np.abs(changed - before)[..., :13].max() > 1e-6
 
 
 def everything(num_envs: int) -> dict[str, Array]:

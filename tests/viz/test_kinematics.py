@@ -6,8 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 import scenes
+from worlds import PANDA, model_of
 
 from skillcli.errors import SkillError
+from skillcli.tasks.blocks.settings import BlocksTask
 from skillcli.viz import kinematics
 
 POSTURES = np.array([[0.3, -0.5, 1.1], [-1.2, 0.4, 0.7]])
@@ -87,3 +89,14 @@ def test_a_mark_on_a_body_does_not_replace_it() -> None:
         </body></worldbody></mujoco>"""
     )
     assert kinematics.drawn_geoms(model) == {1: [0, 1]}
+
+
+def test_fingers_of_a_hand_are_as_far_open_as_they_were() -> None:
+    model = model_of(BlocksTask())
+    assert model is not None
+    joints, hand = PANDA.names.joints, PANDA.graspers().joints
+    ends = []
+    for opened in (None, np.array([[0.01, 0.03]])):
+        positions, _ = kinematics.body_poses(model, joints, np.zeros((1, 7)), None, hand, opened)
+        ends.append(positions[0, [model.body(f"robot/{side}_finger").id for side in ("left", "right")]])
+    np.testing.assert_allclose(np.linalg.norm(ends[1] - ends[0], axis=1), [0.01, 0.03], atol=1e-9)

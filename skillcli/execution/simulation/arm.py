@@ -13,6 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from skillcli.simulation.arm_environment import ArmEnvironment
+from skillcli.simulation.environment import NO_SKILL
 from skillcli.tasks.world import World
 from skillcli.trajectories import Array
 
@@ -47,7 +48,7 @@ class SimulatedArm:
         """
         self._env.randomize(parameters, [rng])
         self._env.arms.release()
-        self._env.reset(np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64))
+        self._env.reset(np.zeros(1, dtype=np.int64), np.full(1, NO_SKILL))
         self._offset = np.broadcast_to(parameters.get("joint_offset", 0.0), (1, self._env.joints))[0]  # rad, of encoders
         self._substep, self._due = 0, list[tuple[int, Array]]()  # commands and when they take effect, in physics steps
 

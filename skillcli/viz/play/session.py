@@ -18,6 +18,7 @@ from skillcli.errors import SkillError, UsageError
 from skillcli.evaluation.library import Library
 from skillcli.robots.robot import load_target
 from skillcli.seeding import generator
+from skillcli.simulation.environment import NO_SKILL
 from skillcli.trajectories import SAFETY_LIMITS, Array
 from skillcli.viz.play import knobs
 from skillcli.viz.play.planning import Cancelled, Start, make_plan
@@ -57,14 +58,14 @@ class PlaySession:
 
     def _take_robot(self) -> None:
         """Simulate the robot of the present world, from the start."""
-        self._env = self.world.make_randomized_env(np.array([0]), self._parameters(), generator(self._seed, "play"))
+        self._env = self.world.make_randomized_env(np.array([NO_SKILL]), self._parameters(), generator(self._seed, "play"))
         self._restart()
 
     def _parameters(self) -> dict[str, Array]:
         return knobs.parameters(self.values, self.world.joints)
 
     def _restart(self) -> None:
-        self._env.reset(np.array([0]), np.array([0]))
+        self._env.reset(np.array([0]), np.array([NO_SKILL]))
         self._env.desired_goal[0] = self._goal
         self._observation = self._env.observe()
         self._running, self._queue, self._steps = False, [], 0
@@ -313,11 +314,12 @@ class PlaySession:
 
     def _pose(self) -> Pose:
         state = self._env.recorded_state()
-        joints, box = state.get("joint_position"), state.get("object_pose")
+        joints, box, fingers = (state.get(name) for name in ("joint_position", "object_pose", "finger_position"))
         return Pose(
             self._env.achieved_goal()[0].copy(),
             None if joints is None else joints[0].copy(),
             None if box is None else box[0].copy(),
+            None if fingers is None else fingers[0].copy(),
         )
 
     def pose(self, share: float = 1.0) -> Pose:

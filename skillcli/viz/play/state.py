@@ -16,6 +16,7 @@ class Pose:
     achieved_goal: Array  # (3,) m
     joint_position: Array | None = None  # (J,) rad
     object_pose: Array | None = None  # (7,) m and w x y z
+    finger_position: Array | None = None  # (2,) m, how far each finger of a hand is open
 
 
 @dataclass(frozen=True)
@@ -53,4 +54,5 @@ def between(before: Pose, after: Pose, share: float) -> Pose:
         turn = first + share * (np.copysign(1.0, first @ second) * second - first)
         box[3:] = turn / np.linalg.norm(turn)
     place = before.achieved_goal + share * (after.achieved_goal - before.achieved_goal)
-    return Pose(place, mixed(before.joint_position, after.joint_position), box)
+    fingers = mixed(before.finger_position, after.finger_position)
+    return Pose(place, mixed(before.joint_position, after.joint_position), box, fingers)

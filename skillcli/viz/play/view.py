@@ -104,21 +104,27 @@ class View:
     def _draw_bodies(self, model: mujoco.MjModel, pose: Pose, first: bool) -> None:
         """Put the bodies where they are; those that never move only the first time."""
         assert pose.joint_position is not None and self._world is not None
-        box = None if pose.object_pose is None else pose.object_pose[None]
-        positions, quaternions = kinematics.body_poses(model, self._world.robot.names.joints, pose.joint_position[None], box)
+        positions, quaternions = self._body_poses(model, pose)
         for body, frame in self._bodies.items():
             if first or kinematics.moves(model, body):
                 frame.position = tuple(positions[0, body])
                 frame.wxyz = tuple(np.roll(quaternions[0, body], 1))
+
+    def _body_poses(self, model: mujoco.MjModel, pose: Pose) -> tuple[Array, Array]:
+        """Return the poses of all bodies, see `kinematics.body_poses`; of one moment."""
+        assert pose.joint_position is not None and self._world is not None
+        robot = self._world.robot
+        box = None if pose.object_pose is None else pose.object_pose[None]
+        fingers = () if robot.hand is None else robot.hand.joints
+        opened = None if pose.finger_position is None else pose.finger_position[None]
+        return kinematics.body_poses(model, robot.names.joints, pose.joint_position[None], box, fingers, opened)
 
     def _spread(self) -> Array:
         """Return the points that must be visible, (n, 3) m: the arm, the goals, and what goes to them."""
         pose, goals = self._session.pose(), self._session.library.goals
         base = np.zeros((1, 3))
         if self._model is not None and pose.joint_position is not None and self._world is not None:
-            box = None if pose.object_pose is None else pose.object_pose[None]
-            joints = self._world.robot.names.joints
-            positions = kinematics.body_poses(self._model, joints, pose.joint_position[None], box)[0][0]
+            joints, positions = self._world.robot.names.joints, self._body_poses(self._model, pose)[0][0]
             arm = [body for body in range(1, self._model.nbody) if kinematics.of_arm(self._model, joints, body)]
             base = positions[arm]
         return np.concatenate([goals, pose.achieved_goal[None], base])

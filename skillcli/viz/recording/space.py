@@ -162,7 +162,10 @@ def _log_poses(
     data = scene.trajectories
     assert data.joint_position is not None  # checked by the caller
     box = None if data.object_pose is None else data.object_pose[episode, rows]
-    positions, quaternions = kinematics.body_poses(scene.model, scene.joints, data.joint_position[episode, rows], box)
+    opened = None if data.finger_position is None else data.finger_position[episode, rows]
+    positions, quaternions = kinematics.body_poses(
+        scene.model, scene.joints, data.joint_position[episode, rows], box, scene.fingers, opened
+    )
     for body in bodies:
         entity = _body_entity(scene, root, body)
         if kinematics.moves(scene.model, body):

@@ -1,0 +1,1 @@
+"""Grasp a block, carry it, and put it down."""

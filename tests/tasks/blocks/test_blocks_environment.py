@@ -1,0 +1,200 @@
+"""The blocks task: where skills begin, what is judged and seen, and when a block is lost."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from worlds import PANDA, SAWYER, blocks_env
+
+from skillcli.errors import UsageError
+from skillcli.recipe import resolve
+from skillcli.simulation.arms import ArmBatch
+from skillcli.simulation.environment import NO_SKILL, SAFETY_LIMITS
+from skillcli.tasks.blocks.environment import HAND_ABOVE, HAND_HIGH, LET_GO, LOST, BlocksEnvironment
+from skillcli.tasks.blocks.geometry import QUARTERS, heading
+from skillcli.tasks.blocks.settings import BlocksTask
+from skillcli.tasks.world import World
+from skillcli.trajectories import Array
+
+START = (0.0, 0.0294, 0.0, -2.3707, 0.0, 2.4004, 0.785)  # of the Panda, 20 cm above the block
+TASK = BlocksTask(start=START)
+ABOVE, LIFT, CARRY, PLACE = 0, 1, 2, 6  # skills of the default task
+SKILLS = np.array([ABOVE, LIFT, CARRY, PLACE])
+STILL, CLOSE, OPEN = (np.array([0.0] * 7 + [closing]) for closing in (0.0, -1.0, 1.0))
+
+
+def begun(skills: Array, progress: float = 0.0, seed: int = 1, task: BlocksTask = TASK) -> BlocksEnvironment:
+    """Begin these skills with blocks at random places and angles."""
+    count, rng = len(skills), np.random.default_rng(seed)
+    env = blocks_env(task, count, 1)
+    drawn = {"object_offset": rng.uniform(-0.1, 0.1, (count, 2)), "object_yaw": rng.uniform(-3, 3, count)}
+    env.randomize({**drawn, "start_progress": np.full(count, progress)}, rng)
+    env.reset(np.arange(count), skills)
+    return env
+
+
+def drive(env: BlocksEnvironment, action: Array, steps: int) -> None:
+    """Send everyone the same."""
+    for _ in range(steps):
+        env.step(np.tile(action, (env.num_envs, 1)))
+
+
+def over_the_block(env: BlocksEnvironment) -> Array:
+    """How far grippers are beside the middles of blocks, (N,) m."""
+    beside: Array = np.linalg.norm(env.position()[:, :2], axis=1)
+    return beside
+
+
+def test_skills_begin_where_others_end() -> None:
+    env = begun(SKILLS)
+    assert env.held().tolist() == [False, False, True, True]
+    np.testing.assert_allclose(env.arms.gripper_position[1:, 2], [HAND_ABOVE, HAND_HIGH, HAND_HIGH], atol=5e-3)
+    assert (over_the_block(env)[1:] < 5e-3).all()
+    np.testing.assert_allclose(env.arms.fingers.width, [0.08, 0.08, 0.04, 0.04], atol=1e-6)
+    drive(env, STILL, 20)
+    assert env.held().tolist() == [False, False, True, True], "and stay there"
+
+
+def test_a_hand_begins_along_the_faces_of_the_block() -> None:
+    env = begun(np.full(6, LIFT))
+    np.testing.assert_allclose(env.observe()[:, 13:15], [[0.0, 1.0]] * 6, atol=0.05)
+    assert np.ptp(heading(env.arms.fingers.axis)) > 0.3, "blocks lie at any angle"
+
+
+@pytest.mark.parametrize(("progress", "height", "held"), [(0.0, HAND_ABOVE, False), (0.5, 0.02, False), (1.0, 0.02, True)])
+def test_lifts_begin_further_on_as_well(progress: float, height: float, held: bool) -> None:
+    env = begun(np.full(4, LIFT), progress)
+    np.testing.assert_allclose(env.arms.gripper_position[:, 2], height, atol=5e-3)
+    assert (env.held() == held).all()
+    drive(env, STILL, 10)
+    assert not env.unstable.any() and (np.abs(env.arms.object_velocity) < 1e-2).all(), "and nothing flies away"
+
+
+def test_a_whole_task_begins_at_its_start_whatever_the_skills() -> None:
+    env = begun(np.full(2, NO_SKILL))
+    np.testing.assert_array_equal(env.arms.joint_position, [START, START])
+    assert not env.held().any()
+
+
+@pytest.mark.parametrize("skill", [LIFT, CARRY])
+def test_a_skill_does_not_begin_from_a_state_of_which_nothing_can_become(skill: int) -> None:
+    env = begun(SKILLS)
+    held, free = env.save(np.array([2, 0]))
+    fit, unfit = (held, free) if skill == CARRY else (free, held)
+    env.reset_to_state(np.array([0, 1]), np.stack([fit, unfit]), np.full(2, skill))
+    np.testing.assert_array_equal(env.save(np.array([0]))[0], fit)
+    assert env.held()[1] == (skill == CARRY)
+
+
+def test_goals_of_lift_and_place_are_over_and_under_the_block_wherever_it_is() -> None:
+    env = begun(SKILLS)
+    block = env.arms.object_pose
+    np.testing.assert_allclose(env.desired_goal[[0, 1, 3], :2], block[[0, 1, 3], :2], atol=1e-9)
+    np.testing.assert_allclose(env.desired_goal[:, 2], [0.09, 0.15, 0.15, 0.02])
+    np.testing.assert_allclose(env.desired_goal[2], TASK.goals[CARRY])
+
+
+def test_a_block_is_placed_when_it_is_let_go() -> None:
+    env = begun(np.array([PLACE, NO_SKILL, CARRY]), progress=1.0)
+    raised = env.achieved_goal()[:, 2] - env.arms.object_pose[:, 2]
+    np.testing.assert_allclose(raised, [LET_GO, 0.0, 0.0], atol=1e-6)
+    drive(env, OPEN, 12)
+    assert not env.held()[0]
+    np.testing.assert_allclose(env.achieved_goal()[0], env.arms.object_pose[0, :3], atol=1e-6)
+    assert np.linalg.norm(env.achieved_goal() - env.desired_goal, axis=1)[0] < TASK.tolerance
+
+
+def test_fingers_close_at_the_speed_of_the_hand_and_press_with_the_force_of_the_task() -> None:
+    env = begun(np.full(1, LIFT), progress=0.5)
+    drive(env, CLOSE, 4)
+    assert env.arms.fingers.width[0] == pytest.approx(0.08 - 4 * 0.005, abs=4e-3)
+    drive(env, CLOSE, 20)
+    assert env.held().all()
+    force = env.arms.batch.bind("actuator_force")[0, -2:]
+    np.testing.assert_allclose(-force, TASK.grip_force, rtol=0.1)
+
+
+def test_holding_earns_more_than_closing_and_that_more_than_coming_near() -> None:
+    earned = [begun(np.full(1, LIFT), progress).reward()[0] for progress in (0.0, 0.5, 1.0)]
+    assert earned[0] < earned[1] < earned[2]
+
+
+def test_losing_a_block_is_below_the_return_of_doing_nothing() -> None:
+    env = begun(SKILLS, task=TASK)
+    assert env.reward().min() / (1 - 0.97) > LOST
+
+
+def test_terms_are_named_and_add_up() -> None:
+    env = begun(SKILLS)
+    step = env.step(np.zeros((4, 8)))
+    assert {"goal", "near", "reach", "enclose", "hold", "early", "turned", "struck", "pressed"} <= set(step.reward_terms)
+    np.testing.assert_allclose(sum(step.reward_terms.values()), step.reward, atol=1e-12)
+    assert (step.reward_terms["reach"] != 0).tolist() == [False, True, False, False]
+
+
+def test_blocks_that_fall_off_or_fly_are_lost() -> None:
+    env = begun(np.full(3, ABOVE))
+    env.arms.object_pose[0, :3] = [1.3, 0.0, -0.1]
+    env.arms.object_velocity[1, 2] = 4.0
+    step = env.step(np.zeros((3, 8)))
+    assert step.terminated.tolist() == [True, True, False]
+    np.testing.assert_array_equal(step.reward[:2], LOST)
+    np.testing.assert_allclose(env.arms.object_pose[:, 2], 0.02, atol=2e-3)
+
+
+def test_a_hand_that_presses_with_more_than_its_lasting_force_breaks_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = begun(np.full(2, LIFT), progress=0.5)
+    assert not env.violations().any() and env.violations().shape == (2, len(SAFETY_LIMITS))
+    forces = np.array([[0.0, 0.0, -69.0], [60.0, 0.0, -60.0]])
+    monkeypatch.setattr(ArmBatch, "contact_force", property(lambda _: forces))
+    assert env.violations()[:, SAFETY_LIMITS.index("hand_force")].tolist() == [False, True]
+
+
+def test_fingers_are_recorded() -> None:
+    recorded = begun(SKILLS).recorded_state()
+    np.testing.assert_allclose(recorded["finger_position"], [[0.04] * 2, [0.04] * 2, [0.02] * 2, [0.02] * 2], atol=1e-6)
+    assert recorded["object_pose"].shape == (4, 7)
+
+
+def test_skills_see_the_block_that_is_attended_to() -> None:
+    env = begun(np.full(2, NO_SKILL), task=TASK.model_copy(update={"others": ((0.4, 0.15),)}))
+    env.attend(1)
+    np.testing.assert_allclose(env.arms.object_pose[:, :3], [[0.4, 0.15, 0.02]] * 2, atol=2e-3)
+    np.testing.assert_allclose(env.observe()[:, 10:12], [[0.4, 0.15]] * 2, atol=2e-3)
+    env.attend(0)
+    assert np.ptp(env.arms.object_pose[:, 0]) > 1e-3
+
+
+def test_sensors_without_noise_show_what_is() -> None:
+    sensed, plain = begun(SKILLS), begun(SKILLS)
+    sensed.randomize({"position_noise": np.full(4, 1e-12)}, np.random.default_rng(0))
+    for env in (sensed, plain):
+        env.reset(np.arange(4), np.full(4, LIFT))
+        drive(env, CLOSE, 3)
+    plain.randomize({}, np.random.default_rng(0))
+    plain.reset(np.arange(4), np.full(4, LIFT))
+    drive(plain, CLOSE, 3)
+    np.testing.assert_allclose(sensed.observe(), plain.observe(), atol=1e-6)
+
+
+def test_sizes_are_known_without_a_simulation() -> None:
+    world = World(TASK, PANDA)
+    env = world.make_env(1, 1)
+    assert world.sizes == (env.observation_size, env.action_size, env.privileged_size) == (23, 8, 7)
+    np.testing.assert_allclose(world.action_scale, [0.04] * 7 + [0.02])
+    assert QUARTERS == 4
+
+
+def test_an_arm_without_a_hand_is_refused_with_one_line() -> None:
+    with pytest.raises(UsageError, match="robot ur5e has no hand that can grasp"):
+        resolve({"name": "t", "robot": "ur5e", "task": {"name": "blocks"}})
+    with pytest.raises(UsageError, match="robot sawyer has no hand that can grasp"):
+        World(TASK, SAWYER).make_env(1)
+
+
+@pytest.mark.parametrize(
+    "names", [("above",), ("push",) * 7, ("grab", "lift", "carry", "carry-2", "carry-3", "carry-4", "place")]
+)
+def test_names_say_what_skills_do(names: tuple[str, ...]) -> None:
+    with pytest.raises(ValueError, match="name"):
+        BlocksTask(names=names)
