@@ -15,9 +15,10 @@ from skillcli.simulation.arm_environment import BASE, ArmEnvironment
 from skillcli.simulation.chance import Rng
 from skillcli.simulation.environment import SAFETY_LIMITS, Array, ObservationTerm, RewardTerms
 from skillcli.simulation.fingers import Fingers
+from skillcli.simulation.rotations import frames, upright
 from skillcli.simulation.safety import SOFT_TABLE_TOLERANCE
 from skillcli.simulation.settings import ArmTask
-from skillcli.tasks.blocks.geometry import QUARTERS, face_heading, frames, heading, quarter_turn, upright
+from skillcli.tasks.blocks.geometry import QUARTERS, face_heading, heading, quarter_turn
 from skillcli.tasks.blocks.scene import blocks_spec
 from skillcli.tasks.blocks.settings import KINDS, BlocksTask
 from skillcli.tasks.blocks.starts import Postures, postures

@@ -2,31 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from skillcli.simulation.rotations import frames
+from skillcli.trajectories import Array
 
 QUARTERS = 4  # quarter turns after which a cube, seen from above, looks as before
-
-
-def frames(turned: Array) -> Array:
-    """Convert quaternions (n, 4) w x y z to rotation matrices (n, 3, 3); their columns are the axes of the body."""
-    w, x, y, z = turned.T
-    rows = (
-        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
-    )  # fmt: skip
-    return np.stack(rows, axis=1).reshape(-1, 3, 3)
-
-
-def upright(yaw: Array) -> Array:
-    """Return rotations by angles (n,) rad about the vertical as quaternions, (n, 4) w x y z."""
-    zero = np.zeros(len(yaw))
-    return np.stack([np.cos(yaw / 2), zero, zero, np.sin(yaw / 2)], axis=1)
 
 
 def heading(axis: Array) -> Array:

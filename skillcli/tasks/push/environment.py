@@ -13,7 +13,7 @@ import numpy as np
 from skillcli.errors import UsageError
 from skillcli.robots.robot import Robot
 from skillcli.robots.scene import TABLE_TOP
-from skillcli.simulation import table
+from skillcli.simulation import rotations, table
 from skillcli.simulation.arm_environment import BASE, ArmEnvironment
 from skillcli.simulation.arms import OBJECT
 from skillcli.simulation.chance import Rng
@@ -227,7 +227,7 @@ class PushEnvironment(ArmEnvironment):
 
     def _up(self) -> Array:
         """Return the upward direction in the frames of the boxes, unit vectors (N, 3)."""
-        return _up(self.arms.object_pose[:, 3:])
+        return rotations.up(self.arms.object_pose[:, 3:])
 
     def violations(self) -> Array:
         """See `ArmEnvironment`; adds boxes that are pressed into the table or tip over."""
@@ -290,7 +290,7 @@ class PushEnvironment(ArmEnvironment):
         pose[:, :3] = gripper - relative
         error = self._sensors.angle_error(self._half_edges[:, :2].mean(axis=1) + CONTACT_GAP)
         turned = turned / np.linalg.norm(turned, axis=1, keepdims=True)  # interpolated, it is a little too short
-        pose[:, 3:] = table.turned(_upright_turn(error), turned)
+        pose[:, 3:] = table.turned(rotations.upright(error), turned)
         return pose
 
     def estimate_achieved_goal(self, object_pose: Array | None) -> Array:
@@ -303,7 +303,7 @@ class PushEnvironment(ArmEnvironment):
     def estimate_tilt(self, object_pose: Array | None) -> Array:
         """See `ArmEnvironment`: the tilt of the top face, so that a toppled box counts as upright."""
         assert object_pose is not None
-        frames = _frames(object_pose[:, 3:])
+        frames = rotations.frames(object_pose[:, 3:])
         on_top = np.abs(frames[:, 2]).argmax(axis=1)
         normal = frames[np.arange(self.num_envs), :, on_top]
         tilt: Array = normal[:, :2] * np.sign(normal[:, 2:])
@@ -323,9 +323,9 @@ class PushEnvironment(ArmEnvironment):
         """
         lying = state.copy()
         lying[:, -5] = self._rest(state[:, -7:-5], ids)
-        flat = _upright_turn(2 * np.arctan2(state[:, -1], state[:, -4]))  # turn about the vertical, without tilt
+        flat = rotations.upright(2 * np.arctan2(state[:, -1], state[:, -4]))  # turn about the vertical, without tilt
         lying[:, -4:] = flat if self._tilt is None else table.turned(table.quaternion(self._tilt[ids]), flat)
-        up = _up(state[:, -4:])
+        up = rotations.up(state[:, -4:])
         leans = (up[:, 2] < LEANING) & (up[:, 2] > UPRIGHT)
         reach = (np.abs(up) * self._half_edges[ids]).sum(axis=1)  # from the centre down to the lowest corner
         lying[leans, -4:] = state[leans, -4:]
@@ -335,29 +335,6 @@ class PushEnvironment(ArmEnvironment):
     def recorded_state(self) -> dict[str, Array]:
         """See `Environment`."""
         return {**super().recorded_state(), "object_pose": self.arms.object_pose.copy()}
-
-
-def _up(turned: Array) -> Array:
-    """Return the upward direction in the frames of boxes with orientations (n, 4) w x y z, unit vectors (n, 3)."""
-    w, x, y, z = turned.T
-    return np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1)
-
-
-def _frames(turned: Array) -> Array:
-    """Convert quaternions (n, 4) w x y z to rotation matrices (n, 3, 3); their columns are a box's axes."""
-    w, x, y, z = turned.T
-    rows = (
-        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
-    )  # fmt: skip
-    return np.stack(rows, axis=1).reshape(-1, 3, 3)
-
-
-def _upright_turn(angle: Array) -> Array:
-    """Return rotations by angles (n,) rad about the vertical as quaternions, (n, 4) w x y z."""
-    zero = np.zeros(len(angle))
-    return np.stack([np.cos(angle / 2), zero, zero, np.sin(angle / 2)], axis=1)
 
 
 def _way_out(box: Array, half: Array, balls: Array, radii: Array) -> Array:

@@ -5,12 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skillcli.tasks.blocks.geometry import face_heading, frames, heading, quarter_turn, upright
-
-
-def test_the_frame_of_a_block_turned_by_a_quarter_has_its_x_axis_along_y() -> None:
-    frame = frames(upright(np.array([np.pi / 2])))[0]
-    np.testing.assert_allclose(frame, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
+from skillcli.tasks.blocks.geometry import face_heading, heading, quarter_turn
 
 
 def test_headings_are_angles_from_x_as_seen_from_above() -> None:
