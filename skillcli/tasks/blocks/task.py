@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from skillcli.errors import UsageError
 from skillcli.robots.robot import Robot
-from skillcli.robots.scene import TABLE_CENTRE, TABLE_HALF_SIZE
 from skillcli.tasks.blocks.settings import BlocksTask
 from skillcli.tasks.goals import check_in_reach, listed
+from skillcli.tasks.on_table import check_start_on_table, room_on_table
 from skillcli.tasks.spec import FigureSettings, TaskEnvironment, TaskSpec
 from skillcli.trajectories import Array
 
@@ -27,7 +25,7 @@ def _place_goal(task: BlocksTask, goal: Sequence[float]) -> list[float]:
 
 
 def _check_goal(task: BlocksTask, robot: Robot, goal: Array) -> None:
-    lowest, highest = _room(task)
+    lowest, highest = room_on_table(_margin(task))
     if ((goal[:2] < lowest) | (goal[:2] > highest)).any():
         raise UsageError(
             f"goal {listed(goal)} leaves no room for the block on the table",
@@ -37,19 +35,12 @@ def _check_goal(task: BlocksTask, robot: Robot, goal: Array) -> None:
 
 
 def _check_start(task: BlocksTask, low: float, high: float) -> None:
-    """Refuse a block that may start off the table, drawn from `low` to `high` m off its nominal start in x and y."""
-    lowest, highest = _room(task)
-    if not ((lowest <= np.array(task.block_start) + low) & (np.array(task.block_start) + high <= highest)).all():
-        raise UsageError(
-            f"a block at task.block_start {listed(np.array(task.block_start))} may start off the table",
-            f"there is room for it at {listed(lowest)} .. {listed(highest)} m",
-        )
+    check_start_on_table("a block at task.block_start", task.block_start, _margin(task), low, high)
 
 
-def _room(task: BlocksTask) -> tuple[Array, Array]:
-    """Return the lowest and highest place of a block on the table, (2,) m each."""
-    room = np.array(TABLE_HALF_SIZE[:2]) - task.block_size
-    return TABLE_CENTRE - room, TABLE_CENTRE + room
+def _margin(task: BlocksTask) -> float:
+    """Return how far the middle of a block must be from the rim of the table, m."""
+    return task.block_size
 
 
 def _place(task: BlocksTask, robot: Robot) -> dict[str, Any]:

@@ -6,12 +6,10 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from skillcli.errors import UsageError
 from skillcli.robots.robot import Robot
-from skillcli.robots.scene import TABLE_CENTRE, TABLE_HALF_SIZE
 from skillcli.tasks.goals import check_in_reach, listed
+from skillcli.tasks.on_table import check_start_on_table, room_on_table
 from skillcli.tasks.push.cost_to_go import BoxCostToGo
 from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.spec import FigureSettings, Route, TaskEnvironment, TaskSpec
@@ -30,7 +28,7 @@ def _place_goal(task: PushTask, goal: Sequence[float]) -> list[float]:
 
 
 def _check_goal(task: PushTask, robot: Robot, goal: Array) -> None:
-    lowest, highest = _room(task)
+    lowest, highest = room_on_table(_margin(task))
     if ((goal[:2] < lowest) | (goal[:2] > highest)).any():
         low, high = lowest - task.box_start, highest - task.box_start
         raise UsageError(
@@ -41,20 +39,12 @@ def _check_goal(task: PushTask, robot: Robot, goal: Array) -> None:
 
 
 def _check_start(task: PushTask, low: float, high: float) -> None:
-    """Refuse a box that may start off the table, drawn from `low` to `high` m off its nominal start in x and y."""
-    lowest, highest = _room(task)
-    if not ((lowest <= np.array(task.box_start) + low) & (np.array(task.box_start) + high <= highest)).all():
-        drawn = f", drawn {low:g} to {high:g} m off," if high > low else ""
-        raise UsageError(
-            f"a box at task.box_start {listed(np.array(task.box_start))}{drawn} starts off the table",
-            f"there is room for it at {listed(lowest)} .. {listed(highest)} m",
-        )
+    check_start_on_table("a box at task.box_start", task.box_start, _margin(task), low, high)
 
 
-def _room(task: PushTask) -> tuple[Array, Array]:
-    """Return the lowest and highest place of a box on the table, for any quarter turn, (2,) m each."""
-    room = np.array(TABLE_HALF_SIZE[:2]) - max(task.box_size[:2]) / 2
-    return TABLE_CENTRE - room, TABLE_CENTRE + room
+def _margin(task: PushTask) -> float:
+    """Return how far the middle of a box must be from the rim of the table, for any quarter turn, m."""
+    return max(task.box_size[:2]) / 2
 
 
 def _ring() -> tuple[Route, ...]:
