@@ -19,9 +19,10 @@ TRAINED = {"chain", "push_chain"}
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Whatever needs a trained chain is slow; files that are slow for another reason say so themselves."""
+    """Whatever needs a trained chain or waits for a clock is slow; what is slow for another reason says so itself."""
     for item in items:
-        if isinstance(item, pytest.Function) and TRAINED & set(item.fixturenames):
+        trained = isinstance(item, pytest.Function) and TRAINED & set(item.fixturenames)
+        if trained or item.get_closest_marker("real_time"):
             item.add_marker(pytest.mark.slow)
 
 

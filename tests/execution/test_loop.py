@@ -24,7 +24,7 @@ from skillcli.simulation.foresight import Foresight
 from skillcli.tasks.world import World
 from skillcli.trajectories import Array
 
-pytestmark = pytest.mark.slow  # in real time
+pytestmark = pytest.mark.real_time
 
 PERIOD, STEPS = 0.05, 12
 WORLD = World.of(load_recipe("reach"))

@@ -11,7 +11,7 @@ from skillcli.execution.driver import Driver
 from skillcli.execution.drivers import open_driver
 from skillcli.robots.robot import load_robot
 
-pytestmark = pytest.mark.slow  # a process of its own, in real time
+pytestmark = pytest.mark.real_time  # a process of its own
 
 SAWYER = tuple(f"right_j{joint}" for joint in range(7))
 

@@ -131,6 +131,7 @@ FAULTS = {
 }
 
 
+@pytest.mark.real_time  # what it judges is a matter of milliseconds
 @pytest.mark.parametrize("fault", FAULTS)
 def test_every_fault_ends_in_a_hold_a_stored_execution_and_a_clear_line(store: Path, tmp_path: Path, fault: str) -> None:
     at = 0.52

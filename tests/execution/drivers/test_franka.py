@@ -24,7 +24,7 @@ pytest.importorskip("franky_sim")
 
 from skillcli.execution.drivers.franka import FrankaDriver, open_driver
 
-pytestmark = pytest.mark.slow  # a simulation of a millisecond per step, in a process of its own
+pytestmark = pytest.mark.real_time  # a simulation of a millisecond per step, in a process of its own
 
 NAMES = tuple(f"joint{number}" for number in range(1, 8))
 PERIOD = 0.05  # s

@@ -20,7 +20,7 @@ from execution.drivers.failing import failure
 from skillcli.execution.driver import Driver, DriverError
 from skillcli.robots.robot import load_robot
 
-pytestmark = pytest.mark.slow  # in real time
+pytestmark = pytest.mark.real_time
 
 TAU = 0.03  # s, of the arm
 

@@ -20,7 +20,7 @@ from skillcli.execution.driver import DriverError
 from skillcli.execution.drivers.lerobot import LerobotDriver, open_driver
 from skillcli.robots.robot import load_robot
 
-pytestmark = pytest.mark.slow  # in real time
+pytestmark = pytest.mark.real_time
 
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
 TAU = 0.03  # s

@@ -26,7 +26,7 @@ from skillcli.execution.drivers import rosbridge
 from skillcli.execution.drivers.rosbridge import RosbridgeDriver, open_driver
 from skillcli.robots.robot import load_robot
 
-pytestmark = pytest.mark.slow  # in real time, over websockets
+pytestmark = pytest.mark.real_time  # over websockets
 
 JOINTS = tuple(f"right_j{number}" for number in range(7))
 STATES, COMMANDS = "/robot/joint_states", "/robot/limb/right/joint_command"

@@ -20,7 +20,7 @@ from skillcli.viz.play import loop
 from skillcli.viz.play.session import PlaySession
 from skillcli.viz.play.state import Pose
 
-pytestmark = pytest.mark.slow  # in real time
+pytestmark = pytest.mark.real_time
 
 
 def test_every_control_step_has_its_frames_and_lasts_its_period(point: Library) -> None:
