@@ -68,7 +68,7 @@ def ppo(given: argparse.Namespace) -> Any:
         "MlpPolicy", make(given.simulations), seed=given.seed, n_steps=32, batch_size=256, n_epochs=10, gamma=0.9,
         learning_rate=lambda left: 2e-3 * left, policy_kwargs={"log_std_init": -0.7}, device="cpu",
     )  # fmt: skip
-    learn(model, make(given.goals), given.steps or 163_840, given.rows, 0.02)
+    learn(model, make(given.goals), given.steps or 327_680, given.rows, 0.02)
     return model
 
 
