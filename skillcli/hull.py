@@ -1,4 +1,4 @@
-"""Places between goals, as weighted means of them: which weights give a place, and places at random.
+"""Places between goals, as weighted means of them: which weights give a place, places at random, and their latents.
 
 A place p in the convex hull of goals g_1 .. g_K is p = Σ w_t g_t with weights w_t >= 0 that add to one. For the 2^k corners of
 a cuboid they are multilinear in the place: with its coordinates u in [0, 1]^k along the edges,
@@ -10,6 +10,7 @@ For other goals several weights may give one place. Then the most even ones are 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -88,9 +89,14 @@ class Hull:
         weights: Array = found / found.sum(axis=1, keepdims=True)
         return weights
 
+    def inside(self, places: Array) -> Array:
+        """Return places, or the nearest ones in the hull: (n, 3) m."""
+        found: Array = self.weights(places) @ self.goals
+        return found
+
     def gap(self, places: Array) -> Array:
         """How far places are outside, (n, 3) m to (n,) m."""
-        distance: Array = np.linalg.norm(self.weights(places) @ self.goals - places, axis=1)
+        distance: Array = np.linalg.norm(self.inside(places) - places, axis=1)
         return distance
 
     def draw(self, count: int, rng: np.random.Generator) -> Array:
@@ -106,3 +112,33 @@ class Hull:
             places = centre + rng.uniform(along.min(axis=0), along.max(axis=0), (count, len(axes))) @ axes
             found = np.concatenate([found, places[self.gap(places) <= _EXACT * self.size]])
         return found[:count]
+
+
+@dataclass(frozen=True, eq=False)
+class GoalMap:
+    """What mixtures make of the latent space: Σ w_t mean_t, the latent of the place Σ w_t goal_t."""
+
+    goals: Array  # (M, 3) m, of the skills that can be mixed
+    mean: Array  # (M, d) their latents
+    skills: tuple[int, ...]  # (M,) their indices
+
+    @staticmethod
+    def of(goals: Array, mean: Array, mixing: Sequence[int]) -> GoalMap:
+        """Make the map of a library with goals (K, 3) m and means (K, d), of which those of some skills can be mixed."""
+        chosen = list(mixing)
+        return GoalMap(goals[chosen], mean[chosen], tuple(chosen))
+
+    @cached_property
+    def hull(self) -> Hull:
+        """The places that it covers."""
+        return Hull(self.goals)
+
+    def latents(self, places: Array) -> Array:
+        """Return the latents of places, or of the nearest ones in the hull: (n, 3) m to (n, d)."""
+        found: Array = self.hull.weights(places) @ self.mean
+        return found
+
+    def nearest(self, places: Array) -> Array:
+        """Return the skill (n,) that has most part in each place (n, 3) m."""
+        found: Array = np.array(self.skills)[self.hull.weights(places).argmax(axis=1)]
+        return found

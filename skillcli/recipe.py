@@ -129,6 +129,11 @@ class Recipe(_PlannedRecipe):
         settings: MethodSettings = getattr(self, method)
         return settings
 
+    def in_scene(self, task: TaskSettings) -> Recipe:
+        """Return the same recipe where there is what these settings of its task say, see `TaskSettings.SCENE`."""
+        scene = {key: getattr(task, key) for key in task.SCENE}
+        return self if not scene else self.model_copy(update={"task": self.task.model_copy(update=scene)})
+
     def fingerprint(self, sections: Iterable[str] = ()) -> str:
         """Hash the resolved values with SHA-256, of the named sections or of all."""
         content = self.model_dump(mode="json", include=set(sections) or None)

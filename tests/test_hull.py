@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from skillcli.hull import Cuboid, Hull
+from skillcli.hull import Cuboid, GoalMap, Hull
 
 BOX = np.array([[x, y, z] for x in (0.5, 0.7) for y in (0.3, -0.3) for z in (0.15, 0.3)])
 DIAMOND = np.array([[0.75, 0, 0], [0.45, 0, 0], [0.6, 0.15, 0], [0.6, -0.15, 0]])  # a square on its tip
@@ -80,3 +80,13 @@ def test_places_are_drawn_evenly() -> None:
         np.testing.assert_allclose(places.mean(axis=0), middle, atol=0.02)
     low = (places[:, 0] < 0.5).mean()  # a triangle: 1 - (1/2)^2 of its area lies there
     assert low == pytest.approx(0.75, abs=0.03)
+
+
+def test_a_map_gives_places_the_same_mixture_of_latents_as_of_goals() -> None:
+    # the middle skill of three does something else, and has no part in the map of the others along x
+    goals, mean = np.array([[0.0, 0, 0], [9, 9, 9], [1, 0, 0]]), np.array([[0.0, 0], [5, 5], [0.4, -0.2]])
+    goal_map = GoalMap.of(goals, mean, (0, 2))
+    places = np.array([[0.25, 0, 0], [0.75, 0, 0], [3, 1, 0]])  # the last is beyond the end
+    np.testing.assert_allclose(goal_map.latents(places), [[0.1, -0.05], [0.3, -0.15], [0.4, -0.2]])
+    np.testing.assert_allclose(goal_map.hull.inside(places), [[0.25, 0, 0], [0.75, 0, 0], [1, 0, 0]])
+    assert goal_map.nearest(places).tolist() == [0, 2, 2]

@@ -208,14 +208,14 @@ class SkillLibrary:
         """
         from skillcli.composition.registry import method_spec, split_method
         from skillcli.evaluation.consistency import stored_recipe
-        from skillcli.evaluation.request import Request
+        from skillcli.evaluation.request import Request, in_its_scene
         from skillcli.stages.compose import draft_of
 
         task, goals = given.goals(goal)
         name, own = split_method(method)
         spec = method_spec(name)
         chosen = [*(spec.overrides_on_target if on else ()), *settings, *spec.overrides(own)]
-        recipe = stored_recipe(self.artifact, chosen)
+        recipe = in_its_scene(stored_recipe(self.artifact, chosen), task, goals)
         request = Request.of(recipe, task, goals, name)
         command = given.call("skillcli.load", self.id) + given.call(
             ".plan", task or goals, method, settings=[*settings], seed=seed, on=on

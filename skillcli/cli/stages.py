@@ -140,10 +140,11 @@ def compose(
         raise UsageError("--on plans on one target, --ensemble on several robots", "leave one of them out")
     from skillcli.cli.tables import where
     from skillcli.evaluation.consistency import stored_recipe
-    from skillcli.stages.compose import Request
+    from skillcli.evaluation.request import Request, in_its_scene
     from skillcli.stages.compose import compose as stage
 
-    recipe = stored_recipe(session.store.read(found), [*(spec.overrides_on_target if on else ()), *(overrides or ()), *chosen])
+    chosen = [*(spec.overrides_on_target if on else ()), *(overrides or ()), *chosen]
+    recipe = in_its_scene(stored_recipe(session.store.read(found), chosen), task, goals)
     request = Request.of(recipe, task, goals, method)
     with _whole(COMPOSE.name), session.progress() as on_progress:
         artifact = stage(session.store, found, recipe, request, method, session.command, checked(name), on_progress, seed, on)

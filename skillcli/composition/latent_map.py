@@ -22,7 +22,6 @@ from skillcli.composition.method import MethodSettings, MethodSpec, Option, Plan
 from skillcli.composition.plan import Segment
 from skillcli.composition.route import risk_adjusted
 from skillcli.config.base import value
-from skillcli.hull import Hull
 from skillcli.progress import Progress
 from skillcli.trajectories import Array
 
@@ -67,7 +66,7 @@ class Inversion:
 
     def __init__(self, problem: PlanningProblem, world: LatentEnvironment, sim_state: Array, goal: Array) -> None:
         self._problem, self._world, self._sim_state, self._goal = problem, world, sim_state, goal
-        self._hull, self._slope = Hull(problem.goals), np.eye(len(goal))
+        self._slope = np.eye(len(goal))
 
     def solve(self) -> Trial:
         """Try latents until one ends close enough, or there is nothing to correct; returns the best."""
@@ -95,22 +94,24 @@ class Inversion:
         return shortened
 
     def _hold(self, aim: Array) -> Trial:
-        weights = self._hull.weights(aim[None])[0]
-        latent = weights @ self._problem.mean
+        goal_map = self._problem.goal_map
+        latent, aim = goal_map.latents(aim[None])[0], goal_map.hull.inside(aim[None])[0]
         outcome = self._world.hold(self._sim_state[None], latent[None], self._problem.horizon)
         ends = outcome.path[0, :, -1, 0]  # (M, 3)
         error = float(risk_adjusted(np.linalg.norm(ends - self._goal, axis=1)))
         failed = bool(outcome.failed.any())
-        return Trial(weights @ self._problem.goals, latent, ends.mean(axis=0), failed, error, outcome.sim_states[0])
+        return Trial(aim, latent, ends.mean(axis=0), failed, error, outcome.sim_states[0])
 
 
 def plan(problem: PlanningProblem) -> PlanResult:
     """Hold one latent for each waypoint, an episode long; search plans where one is outside the hull."""
-    gap = float(Hull(problem.goals).gap(problem.waypoints).max())
+    gap = float(problem.goal_map.hull.gap(problem.waypoints).max())
     if gap > OUTSIDE:
-        found = search.plan(replace(problem, settings=problem.handed_over[search.METHOD.name]))
-        note = f"a goal is {100 * gap:.1f} cm outside the hull of the trained goals, where there is no map: search planned"
-        return replace(found, notes=(note,))
+        outside = f"a goal is {100 * gap:.1f} cm outside the hull of the trained goals, where there is no map"
+        return _searched(problem, f"{outside}: search planned")
+    if len(problem.mixing) < len(problem.names):
+        others = ", ".join(name for skill, name in enumerate(problem.names) if skill not in problem.mixing)
+        return _searched(problem, f"one latent does not do the task, for which others ({others}) may be needed: search planned")
     world = problem.make_world(1)
     segments: list[Segment] = []
     sim_state, _ = world.start()
@@ -123,6 +124,11 @@ def plan(problem: PlanningProblem) -> PlanResult:
         sim_state = trial.sim_state
     spent = world.control_steps * problem.period
     return PlanResult(segments, world.held, spent, replayed, notes=() if problem.mixtures else (POOR,))
+
+
+def _searched(problem: PlanningProblem, why: str) -> PlanResult:
+    """Let search plan, whose choices include the latents of the map."""
+    return replace(search.plan(replace(problem, settings=problem.handed_over[search.METHOD.name])), notes=(why,))
 
 
 METHOD = MethodSpec(

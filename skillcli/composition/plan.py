@@ -20,15 +20,22 @@ class Choices:
     label: tuple[str, ...]  # (C,) "3", or "3~4" for the latent half-way between skills 3 and 4
 
     @staticmethod
-    def of(means: Array, names: Sequence[str], interpolated: bool, grid: Array | None = None) -> Choices:
-        """List the means (K, d) of K named skills, half-way latents of all pairs if asked, and a grid (G, d)."""
+    def of(
+        means: Array,
+        names: Sequence[str],
+        interpolated: bool,
+        grid: Array | None = None,
+        places: Sequence[tuple[str, Array]] = (),
+    ) -> Choices:
+        """List the means (K, d) of K named skills, half-way latents of all pairs if asked, a grid (G, d), and named places."""
         skills = len(means)
         pairs = [(a, b) for a in range(skills) for b in range(a + 1, skills)] if interpolated else []
-        further = [] if grid is None else list(grid)
+        further = [] if grid is None else [(_coordinates(latent), latent) for latent in grid]
+        further += places
         return Choices(
-            latent=np.array([*means, *((means[a] + means[b]) / 2 for a, b in pairs), *further]),
+            latent=np.array([*means, *((means[a] + means[b]) / 2 for a, b in pairs), *(latent for _, latent in further)]),
             skill=np.array([*range(skills), *(-1 for _ in (*pairs, *further))]),
-            label=(*names, *(f"{names[a]}~{names[b]}" for a, b in pairs), *(_coordinates(latent) for latent in further)),
+            label=(*names, *(f"{names[a]}~{names[b]}" for a, b in pairs), *(label for label, _ in further)),
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar
 
 from skillcli.composition.latent_bounds import bounds_of
@@ -13,6 +14,7 @@ from skillcli.composition.planner import Planner
 from skillcli.composition.planner import run as run_planner
 from skillcli.composition.route import STRAIGHT, CostToGo, Route
 from skillcli.config.base import Section
+from skillcli.hull import GoalMap
 from skillcli.progress import OnProgress, Progress, silent
 from skillcli.trajectories import Array
 
@@ -43,6 +45,7 @@ class PlanningProblem:
     mean: Array  # (K, d) latents of the skills
     std: Array  # (K, d)
     goals: Array  # (K, 3) m, goals of the skills
+    mixing: tuple[int, ...]  # indices of the skills whose goals can be mixed
     waypoints: Array  # (W, 3) m, to meet in order
     tolerance: float  # m, the task counts a waypoint as met within this
     period: float  # s, one control step
@@ -54,6 +57,7 @@ class PlanningProblem:
     cost_to_go: CostToGo = STRAIGHT
     entries: tuple[Entry, ...] = ()  # entries of a written plan
     mixtures: bool = False  # whether mixtures of the skills were trained
+    aims: tuple[Array, ...] = ()  # (3,) m, places between the goals whose latents on the map may help
     handed_over: Mapping[str, MethodSettings] = field(default_factory=dict)  # settings of methods that may plan instead
     robots: int = 1  # M, robots that try every latent
     seed: int = 0
@@ -63,6 +67,11 @@ class PlanningProblem:
     def bounds(self) -> Array:
         """Return lowest and highest latent, (2, d): two standard deviations around all means."""
         return bounds_of(self.mean, self.std)
+
+    @cached_property
+    def goal_map(self) -> GoalMap:
+        """Return the latents of places between the goals."""
+        return GoalMap.of(self.goals, self.mean, self.mixing)
 
     @property
     def route(self) -> Route:

@@ -132,7 +132,9 @@ def choices_of(problem: PlanningProblem) -> Choices:
     """Return the latents that a search tries."""
     settings = problem.settings_as(SearchSettings)
     grid = latent_grid(problem.bounds[0], problem.bounds[1], settings.grid) if settings.grid else None
-    return Choices.of(problem.mean, problem.names, settings.interpolated, grid)
+    places = problem.goal_map.hull.inside(np.array(problem.aims)) if problem.mixtures and problem.aims else ()
+    named = [("map({:.3f},{:.3f},{:.3f})".format(*place), problem.goal_map.latents(place[None])[0]) for place in places]
+    return Choices.of(problem.mean, problem.names, settings.interpolated, grid, list(dict(named).items()))
 
 
 def search_from(

@@ -73,7 +73,7 @@ def check_meaning(artifact: Artifact) -> None:
         StoreError: they disagree.
     """
     check_parents(artifact.kind, [parent.id.stage for parent in artifact.parents], str(artifact.id))
-    recipe = _understood(artifact, ("name", *TRAINED))
+    recipe = trained_part(artifact)
     arrays, results = brought_up(artifact)
     problems = list(islice(_problems(kind_spec(artifact.kind), recipe, arrays, results), _SHOWN))
     if problems:
@@ -88,11 +88,24 @@ def check_same_skills(artifact: Artifact, source: Artifact) -> None:
     Raises:
         StoreError: the skills differ.
     """
-    own, theirs = (_understood(one, ("name", *TRAINED)).fingerprint(TRAINED) for one in (artifact, source))
-    if own != theirs:
+    if not are_same_skills(trained_part(artifact), trained_part(source)):
         raise StoreError(
             f"{artifact.id} was made with other skills than those of {source.id}", "it was not made by skill: make it anew"
         )
+
+
+def trained_part(artifact: Artifact) -> Recipe:
+    """Read the sections that training depends on; plans of older versions may have others that are not known any more.
+
+    Raises:
+        StoreError: they are invalid.
+    """
+    return _understood(artifact, ("name", *TRAINED))
+
+
+def are_same_skills(one: Recipe, other: Recipe) -> bool:
+    """Return whether two recipes train the same skills; what else is there in their scenes may differ."""
+    return one.fingerprint(TRAINED) == other.in_scene(one.task).fingerprint(TRAINED)
 
 
 def _understood(artifact: Artifact, sections: Iterable[str]) -> Recipe:

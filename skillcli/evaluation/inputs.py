@@ -58,6 +58,7 @@ def compose_inputs(
         request.route,
         {"predicted": [others.name, str(sorted(others.parameters.items()))]},
     ]
+    parts += [getattr(recipe.task, key) for key in recipe.task.SCENE]
     robots = robots_for(recipe, world, method, on, seed)
     if robots.parameters or on:
         parts += [seed, on, {name: values.tolist() for name, values in robots.parameters.items()}]

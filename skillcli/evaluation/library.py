@@ -5,18 +5,27 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from skillcli.errors import StoreError, UsageError
-from skillcli.evaluation.consistency import TRAINED, check_meaning, check_same_skills, skill_names, stored_recipe
+from skillcli.evaluation.consistency import (
+    TRAINED,
+    are_same_skills,
+    check_meaning,
+    check_same_skills,
+    skill_names,
+    stored_recipe,
+    trained_part,
+)
 from skillcli.kinds import PRETRAIN
 from skillcli.learning.agent import Agent
 from skillcli.recipe import Recipe
 from skillcli.robots.config import is_path
 from skillcli.robots.robot import Robot
+from skillcli.simulation.settings import TaskSettings
 from skillcli.store import Artifact, ArtifactId, Store
 from skillcli.store.provenance import package_versions
 from skillcli.tasks.world import World
@@ -44,6 +53,11 @@ class Library:
         """Return the names of the skills, as in the recipe."""
         return skill_names(self.recipe)
 
+    def in_scene(self, task: TaskSettings) -> Library:
+        """Return the same skills where there is what these settings of their task say, see `TaskSettings.SCENE`."""
+        recipe = self.recipe.in_scene(task)
+        return replace(self, recipe=recipe, world=replace(self.world, task=recipe.task)) if task.SCENE else self
+
 
 def check_untouched(library: Library, recipe: Recipe, settable: str) -> None:
     """Refuse a recipe that would train other skills than these.
@@ -51,7 +65,7 @@ def check_untouched(library: Library, recipe: Recipe, settable: str) -> None:
     Raises:
         UsageError: it differs from the library's recipe in a key that training depends on.
     """
-    if recipe.fingerprint(TRAINED) != library.recipe.fingerprint(TRAINED):
+    if not are_same_skills(recipe, library.recipe):
         raise UsageError(
             f"the skills of {library.source.id} were trained on another recipe than the one given now",
             f"only {settable} can be set here; else train anew",
@@ -59,7 +73,7 @@ def check_untouched(library: Library, recipe: Recipe, settable: str) -> None:
 
 
 def open_library(store: Store, artifact: Artifact) -> Library:
-    """Open the library that an artifact holds or was made from.
+    """Open the library that an artifact holds or was made from, in the scene of the artifact.
 
     Raises:
         StoreError: it has no pretrain ancestor, one of the two disagrees with its recipe, or the robot file is missing or
@@ -77,7 +91,8 @@ def open_library(store: Store, artifact: Artifact) -> Library:
     agent = Agent(recipe, observation, action, source.arrays["skills/goal"], privileged=privileged)
     agent.load(weights)
     arrays = source.arrays
-    return Library(source, recipe, world, agent, arrays["embedding/mean"], arrays["embedding/std"], arrays["skills/goal"])
+    library = Library(source, recipe, world, agent, arrays["embedding/mean"], arrays["embedding/std"], arrays["skills/goal"])
+    return library.in_scene(trained_part(artifact).task)
 
 
 def _check_robot(source: Artifact, robot: str, world: World) -> None:

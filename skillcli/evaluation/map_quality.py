@@ -9,7 +9,7 @@ import numpy as np
 from skillcli import metrics
 from skillcli.evaluation.held import rollout_held
 from skillcli.evaluation.library import Library
-from skillcli.hull import Hull
+from skillcli.hull import GoalMap
 from skillcli.kinds.embed_means import MapQuality
 from skillcli.seeding import generator
 from skillcli.trajectories import Array
@@ -45,9 +45,12 @@ class JudgedMap:
 
 
 def judge_map(library: Library, seed: int) -> JudgedMap:
-    """Draw places, hold the latent that the map gives for each, and see where it ends; on the nominal robot."""
-    hull = Hull(library.goals)
-    place = hull.draw(PLACES, generator(seed, "places of the map"))
-    latent = hull.weights(place) @ library.mean
-    recording = rollout_held(library.world, library.agent, latent, place, np.full(PLACES, -1))[0]
+    """Draw places, hold the latent that the map gives for each, and see where it ends; on the nominal robot.
+
+    Episodes begin where those of the skill do that has most part in the place: a block that is carried is in the hand.
+    """
+    goal_map = GoalMap.of(library.goals, library.mean, library.world.task.mixing)
+    place = goal_map.hull.draw(PLACES, generator(seed, "places of the map"))
+    latent, start = goal_map.latents(place), goal_map.nearest(place)
+    recording = rollout_held(library.world, library.agent, latent, place, np.full(PLACES, -1), start=start)[0]
     return JudgedMap(place, latent, recording.achieved_goal[np.arange(PLACES), recording.length])

@@ -65,6 +65,13 @@ class Request:
         return np.repeat(np.arange(len(self.routes)), [len(route) for route in self.routes])
 
 
+def in_its_scene(recipe: Recipe, task: str, goals: Goals) -> Recipe:
+    """Return the recipe with what the scene of a named composition has; without task and goals that of the recipe's own."""
+    name = task or ("" if goals else recipe.compose.task)
+    scene = find_task(recipe.task.name).scenes.get(name)
+    return recipe if scene is None else recipe.in_scene(recipe.task.model_copy(update=scene))
+
+
 def _routes(recipe: Recipe, task: str, goals: Goals) -> tuple[Array, ...]:
     world = World.of(recipe)
     routes = world.named_routes(task) if task else (np.array([world.place_goal(goal) for goal in goals]),)

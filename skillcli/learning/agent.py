@@ -8,7 +8,18 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from skillcli.learning.networks import CLIP, Embedding, Inference, Normalizer, Policy, Value, affine, arranged, spread
+from skillcli.learning.networks import (
+    CLIP,
+    Embedding,
+    Inference,
+    Normalizer,
+    Policy,
+    Value,
+    affine,
+    arranged,
+    set_apart,
+    spread,
+)
 from skillcli.learning.settings import LearningRecipe
 from skillcli.seeding import torch_generator
 from skillcli.trajectories import Array
@@ -46,7 +57,10 @@ class Agent(nn.Module):
             spread(skills, embedding.size, make)
             if embedding.arrangement == "random"
             else arranged(
-                torch.as_tensor(goals, dtype=torch.float32), embedding.size, make, embedding.arrangement == "isometric"
+                torch.as_tensor(set_apart(goals, recipe.task.mixing), dtype=torch.float32),
+                embedding.size,
+                make,
+                embedding.arrangement == "isometric",
             )
         )
         self.embedding = Embedding(first_means, embedding.initial_std, bounds, embedding.fixed_means)

@@ -42,7 +42,7 @@ class Learner:
         self.sees_goal = recipe.network.value_sees_goal
         aside = privileged_size(env, self.sees_goal)
         self.agent = Agent(recipe, env.observation_size, env.action_size, env.goals, seed, aside)
-        self.mixer = Mixer.of(recipe.mixtures, env.goals)
+        self.mixer = Mixer.of(recipe.mixtures, env.goals, recipe.task.mixing)
         self.optimizers = te_ppo.Optimizers.of(self.agent, recipe.training.learning_rate)
         self.pool = StartPool(POOL_CAPACITY)
         self.rng = generator(seed, "training")

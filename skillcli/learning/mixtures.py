@@ -7,6 +7,7 @@ In a share of the episodes weights w of the skills are drawn, w_t >= 0 and Σ w_
 Reward, start and everything else of the episode are unchanged; a single skill is the mixture with one weight of one. The
 policy ratio is evaluated at the z that the present embedding gives to the same w and epsilon, so that means and standard
 deviations learn from mixtures too, each by its weight. The value function observes w in place of the skill's one-hot.
+A task says which of its skills can be mixed (`TaskSettings.mixing`): those that do the same with another goal.
 
 The idea is that of mixup (Zhang, Cisse, Dauphin and Lopez-Paz 2018, arXiv:1710.09412), which trains on convex combinations
 of examples and their labels, here of latents and goals.
@@ -33,8 +34,9 @@ MIXED = -1
 class Mixer:
     """Gives some episodes of a rollout a mixture of skills."""
 
-    share: float  # of the episodes, in the mean
-    draw: Callable[[int, np.random.Generator], Array]  # weights (n, K) of n mixtures
+    share: float  # of the episodes of these skills, in the mean
+    draw: Callable[[int, np.random.Generator], Array]  # weights (n, M) of n mixtures
+    mixing: tuple[int, ...] = ()  # the M skills that are mixed
 
     def mix(self, skill: Array, skills: int, rng: np.random.Generator) -> tuple[Array, Array]:
         """Replace some of the skills (N,) out of K by `MIXED`; return skills (N,) and weights (N, K), one-hot without mixture.
@@ -44,18 +46,21 @@ class Mixer:
         weights = np.eye(skills)[skill]
         if self.share == 0:
             return skill, weights
-        mixed = rng.random(len(skill)) < self.share
-        weights[mixed] = self.draw(int(mixed.sum()), rng)
+        mixed = (rng.random(len(skill)) < self.share) & np.isin(skill, self.mixing)
+        weights[mixed] = 0.0
+        weights[np.ix_(np.flatnonzero(mixed), np.array(self.mixing, dtype=int))] = self.draw(int(mixed.sum()), rng)
         return np.where(mixed, MIXED, skill), weights
 
     @staticmethod
-    def of(mixtures: Mixtures, goals: Array) -> Mixer:
-        """Make the mixer of a recipe for these goals (K, 3) m.
+    def of(mixtures: Mixtures, goals: Array, mixing: tuple[int, ...]) -> Mixer:
+        """Make the mixer of a recipe for these goals (K, 3) m, of which those of some skills can be mixed.
 
         Raises:
             UsageError: such weights cannot be drawn for these goals.
         """
-        return Mixer(mixtures.share, _DRAWERS[mixtures.weights](mixtures, goals)) if mixtures.share else UNMIXED
+        if not mixtures.share:
+            return UNMIXED
+        return Mixer(mixtures.share, _DRAWERS[mixtures.weights](mixtures, goals[list(mixing)]), mixing)
 
 
 UNMIXED = Mixer(0.0, lambda count, _: np.zeros((count, 0)))

@@ -10,10 +10,12 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
 from skillcli.learning.gaussian import bounded_std, inverse_bounded_std
+from skillcli.trajectories import Array
 
 
 class _Tanh(torch.autograd.Function):
@@ -146,6 +148,24 @@ def spread(points: int, dimensions: int, generator: torch.Generator) -> Tensor:
         squared = offset.square().sum(-1, keepdim=True) + 1e-3
         x = (x + 0.02 * (offset / squared).sum(1)).clamp(-0.8, 0.8)
     return x
+
+
+def set_apart(goals: Array, mixing: Sequence[int]) -> Array:
+    """Give each skill that cannot be mixed an axis of its own: (K, 3) m to (K, 3 + K - M) with M skills that can.
+
+    It lies off the middle of the others' goals, by their largest distance from it: its own goal may be in their midst.
+    """
+    apart = [skill for skill in range(len(goals)) if skill not in mixing]
+    if not apart:
+        return goals
+    others = np.delete(goals, apart, axis=0)
+    middle = others.mean(axis=0) if len(others) else goals.mean(axis=0)
+    places = np.zeros((len(goals), goals.shape[1] + len(apart)))
+    places[:, : goals.shape[1]] = goals
+    places[apart, : goals.shape[1]] = middle
+    far = float(np.linalg.norm(others - middle, axis=1).max(initial=0.0)) or 1.0
+    places[apart, goals.shape[1] + np.arange(len(apart))] = far
+    return places
 
 
 def arranged(goals: Tensor, dimensions: int, generator: torch.Generator, isometric: bool = False) -> Tensor:

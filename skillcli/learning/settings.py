@@ -138,6 +138,10 @@ class LearnedTask(Protocol):
     def tolerance(self) -> float:
         """Success radius, m."""
 
+    @property
+    def mixing(self) -> tuple[int, ...]:
+        """Indices of the skills whose goals can be mixed."""
+
 
 class LearningRecipe(Protocol):
     """What learning needs of a recipe."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Any
+from typing import Any, ClassVar
 
 from pydantic import model_validator
 
@@ -14,6 +14,9 @@ MAX_SKILLS = 1000  # every pair of skills is computed
 
 class TaskSettings(Section):
     """Settings of every task: goals, one skill each, their names, a clock, and the success radius."""
+
+    SCENE: ClassVar[tuple[str, ...]] = ()
+    """Keys that say what else is there: a plan may change them, since skills do not see it."""
 
     module: str = optional_value("", "a Python file that holds the task, beside the recipe; empty for one that comes along")
     source_sha256: str = optional_value("", "of that file, filled in")
@@ -38,6 +41,11 @@ class TaskSettings(Section):
     def action_scale(self) -> float:
         """Size of an action of one, in the unit of the action: rad for an arm."""
         raise NotImplementedError
+
+    @property
+    def mixing(self) -> tuple[int, ...]:
+        """Indices of the skills whose goals can be mixed: those that do the same with another goal. By default all."""
+        return tuple(range(len(self.goals)))
 
 
 class ArmTask(TaskSettings):

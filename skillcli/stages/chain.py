@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from skillcli.composition.registry import DEFAULT
 from skillcli.evaluation.inputs import compose_inputs, embed_means_inputs, pretrain_inputs, transfer_eval_inputs
-from skillcli.evaluation.request import Request
+from skillcli.evaluation.request import Request, in_its_scene
 from skillcli.evaluation.reuse import Elsewhere, finished, of_compose, of_embed_means, of_pretrain, of_transfer_eval
 from skillcli.kinds import COMPOSE, EMBED_MEANS, PRETRAIN, TRANSFER_EVAL
 from skillcli.progress import OnProgress, silent
@@ -54,7 +54,7 @@ def run_chain(
     Raises:
         SkillError: one of them fails; earlier ones are kept.
     """
-    request = Request.of(recipe, "", ())  # errors of the last stages must show before the first begins
+    request = Request.of(in_its_scene(recipe, "", ()), "", ())  # errors of the last stages must show before the first begins
     find_domains(recipe.transfer.domains)
     world = World.of(recipe)
     found = finished(store, PRETRAIN, pretrain_inputs(recipe, world, seed), name, of_pretrain, elsewhere)
@@ -65,6 +65,7 @@ def run_chain(
     means = found or embed_means(store, skills.id, command, name)
     yield Link(means, found is not None)
 
+    recipe = in_its_scene(recipe, "", ())
     inputs = compose_inputs(means, recipe, world, request, DEFAULT)
     found = finished(store, COMPOSE, inputs, name, of_compose, elsewhere)
     plan = found or compose(store, means.id, recipe, request, DEFAULT, command, name, on_progress)

@@ -104,6 +104,7 @@ def draft_of(
     """
     spec = method_spec(method)
     check_untouched(library, recipe, f"{', '.join(f'{section}.*' for section in METHODS)} and compose.*")
+    library = library.in_scene(recipe.task)
     robots = robots_for(recipe, library.world, method, on, seed)
     others = find_domain(recipe.compose.robots)
     started = time.perf_counter()

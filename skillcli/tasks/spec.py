@@ -44,6 +44,11 @@ def unchanged_route(_: Any, route: Route) -> Route:
     return route
 
 
+def itself(_: Any, waypoint: Array) -> tuple[Array, ...]:
+    """Return the waypoint."""
+    return (waypoint,)
+
+
 def straight_distance(_: Any) -> None:
     """Return None: only the straight distance counts."""
 
@@ -85,10 +90,13 @@ class TaskSpec:
         check_goal: refuses a goal (3,) m that no skill can reach, for settings, robot and goal.
         check_start: refuses invalid starts, for settings and how far an object may be moved, from and to, m.
         compositions: named routes.
+        scenes: settings of the task that compositions of these names need besides their routes, see `TaskSettings.SCENE`.
         fit_route: a named route as it is typed for settings whose goals lie elsewhere than the task's own; by default as it is.
         chains: named chains of skills by number, for interpolation.
         cost_to_go: cost that planners use, for settings, see `composition.route.CostToGo`; returns None if the straight
             distance is enough.
+        aims: places (3,) m whose latents help planners to a waypoint (3,) m, where mixtures make the latent space a map, for
+            settings and the waypoint; by default the waypoint.
         uses_robot: whether an arm takes part.
         robot: a bundled arm that can do it, for whoever names neither a robot nor a recipe.
         grasps: whether the width between the fingers of its hand is one more action.
@@ -107,6 +115,7 @@ class TaskSpec:
     check_goal: Callable[[Any, Robot, Array], None] = no_check
     check_start: Callable[[Any, float, float], None] = no_check
     compositions: Mapping[str, tuple[Route, ...]] = field(default_factory=dict)
+    scenes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     fit_route: Callable[[Any, Route], Route] = unchanged_route
     chains: Mapping[str, str] = field(default_factory=dict)
     uses_robot: bool = True
@@ -115,4 +124,5 @@ class TaskSpec:
     placed: tuple[str, ...] = ()
     place: Callable[[Any, Robot], dict[str, Any]] | None = None
     cost_to_go: Callable[[Any], Any] = straight_distance
+    aims: Callable[[Any, Array], tuple[Array, ...]] = itself
     figure_settings: FigureSettings = field(default_factory=FigureSettings)

@@ -14,7 +14,7 @@ from skillcli.composition import latent_map
 from skillcli.composition.latent_environment import Outcome
 from skillcli.composition.latent_map import POOR, MapSettings, plan
 from skillcli.composition.problem import PlanningProblem, PlanResult
-from skillcli.composition.search import SearchSettings
+from skillcli.composition.search import SearchSettings, choices_of
 from skillcli.trajectories import Array
 
 SQUARE = np.array([[1.0, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0]])
@@ -45,6 +45,7 @@ def problem(*waypoints: tuple[float, float], slope: float = 1.0, world: World | 
         mean=slope / HORIZON * SQUARE[:, :2],
         std=np.full((4, 2), 0.1),
         goals=SQUARE,
+        mixing=(0, 1, 2, 3),
         waypoints=np.array([[*place, 0.0] for place in waypoints]),
         tolerance=0.05,
         period=0.1,
@@ -99,7 +100,9 @@ def test_each_waypoint_has_a_latent_of_its_own_from_where_the_last_one_ends() ->
     assert world.held == 1 + 2 and found.replayed_seconds == pytest.approx(2 * 1.0)
 
 
-def test_outside_the_hull_search_plans(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def searched(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """The settings of searches that planned."""
     given: list[Any] = []
 
     def search(problem: PlanningProblem) -> PlanResult:
@@ -107,8 +110,26 @@ def test_outside_the_hull_search_plans(monkeypatch: pytest.MonkeyPatch) -> None:
         return PlanResult([])
 
     monkeypatch.setattr(latent_map.search, "plan", search)
+    return given
+
+
+def test_outside_the_hull_search_plans(searched: list[Any]) -> None:
     found = plan(problem((0.5, 0.0), (1.2, 0.0)))
-    assert given == [SearchSettings()] and "20.0 cm outside the hull" in found.notes[0] and "search" in found.notes[0]
+    assert searched == [SearchSettings()] and "20.0 cm outside the hull" in found.notes[0] and "search" in found.notes[0]
+
+
+def test_where_only_some_skills_are_a_map_search_plans_with_all(searched: list[Any]) -> None:
+    found = plan(replace(problem((1.0, 0.0)), mixing=(0, 1)))
+    assert searched == [SearchSettings()] and "others (3, 4)" in found.notes[0]
+
+
+def test_a_search_may_hold_the_latents_of_the_map() -> None:
+    asked = replace(problem((0.5, 0.0)), settings=SearchSettings(), aims=(np.array([0.5, -0.2, 0.0]), np.array([3.0, 1, 0])))
+    found = choices_of(asked)
+    assert found.label == ("1", "2", "3", "4", "map(0.500,-0.200,0.000)", "map(1.000,1.000,0.000)")
+    np.testing.assert_allclose(found.latent[4:], [[0.05, -0.02], [0.1, 0.1]])
+    assert found.skill.tolist() == [0, 1, 2, 3, -1, -1]
+    assert len(choices_of(replace(asked, mixtures=False)).latent) == 4, "skills that were trained alone are no map"
 
 
 def test_a_map_of_skills_that_were_trained_alone_is_called_a_guess() -> None:

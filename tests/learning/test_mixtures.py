@@ -30,7 +30,7 @@ def learner(recipe: Recipe = MIXED_RECIPE, num_envs: int = 8) -> Learner:
 
 
 def drawn(count: int, goals: np.ndarray = SQUARE, **settings: Any) -> np.ndarray:
-    return Mixer.of(Mixtures(share=0.5, **settings), goals).draw(count, np.random.default_rng(0))
+    return Mixer.of(Mixtures(share=0.5, **settings), goals, tuple(range(len(goals)))).draw(count, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("weights", ["multilinear", "neighbours", "dirichlet"])
@@ -69,17 +69,26 @@ def test_goals_that_are_no_cuboid_have_no_multilinear_weights() -> None:
 
 def test_some_episodes_are_mixed_and_the_others_keep_their_skill() -> None:
     skill = np.arange(4000) % 4
-    found, weights = Mixer.of(Mixtures(share=0.3), SQUARE).mix(skill, 4, np.random.default_rng(0))
+    found, weights = Mixer.of(Mixtures(share=0.3), SQUARE, (0, 1, 2, 3)).mix(skill, 4, np.random.default_rng(0))
     mixed = found == MIXED
     assert mixed.mean() == pytest.approx(0.3, abs=0.03)
     np.testing.assert_array_equal(weights[~mixed], np.eye(4)[skill[~mixed]])
     assert (weights[mixed].max(axis=1) < 1).all()
 
 
+def test_only_skills_that_can_be_mixed_are() -> None:
+    skill, goals = np.arange(3000) % 3, np.array([[0.0, 0, 0], [5, 5, 5], [1, 0, 0]])
+    found, weights = Mixer.of(Mixtures(share=0.5, weights="multilinear"), goals, (0, 2)).mix(skill, 3, np.random.default_rng(0))
+    mixed = found == MIXED
+    assert not mixed[skill == 1].any() and mixed[skill != 1].mean() == pytest.approx(0.5, abs=0.05)
+    assert (weights[mixed][:, 1] == 0).all() and (weights[mixed][:, [0, 2]] > 0).all()
+    np.testing.assert_allclose(weights.sum(axis=1), 1)
+
+
 def test_without_a_share_nothing_is_drawn() -> None:
     rng = np.random.default_rng(0)
     before = rng.bit_generator.state
-    for mixer in (UNMIXED, Mixer.of(Mixtures(), SQUARE)):
+    for mixer in (UNMIXED, Mixer.of(Mixtures(), SQUARE, (0, 1, 2, 3))):
         assert mixer.mix(np.arange(4), 4, rng)[0].tolist() == [0, 1, 2, 3]
     assert rng.bit_generator.state == before
 
@@ -104,7 +113,7 @@ def test_settings_that_make_no_sense_are_refused(setting: str) -> None:
 
 
 def rollout_of(trained: Learner, share: float = 0.5) -> Any:
-    mixer = Mixer.of(Mixtures(share=share), SQUARE)
+    mixer = Mixer.of(Mixtures(share=share), SQUARE, (0, 1, 2, 3))
     return collect(trained.env, trained.agent, trained.pool, 0.0, np.random.default_rng(1), mixer)
 
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from skillcli.learning.agent import Actor, Agent, windows
-from skillcli.learning.networks import CLIP, Normalizer, affine, arranged, spread, tanh
+from skillcli.learning.networks import CLIP, Normalizer, affine, arranged, set_apart, spread, tanh
 from skillcli.recipe import Recipe, load_recipe, resolve
 
 REACH = load_recipe("reach")
@@ -191,3 +191,12 @@ def test_an_isometric_arrangement_keeps_the_proportions_of_all_distances() -> No
     means = arranged(goals, 3, torch.Generator().manual_seed(0), isometric=True)
     ratio = torch.pdist(means) / torch.pdist(goals)
     torch.testing.assert_close(ratio, torch.full_like(ratio, 0.8 / 0.3))  # the longest half axis becomes 0.8
+
+
+def test_skills_that_cannot_be_mixed_lie_off_the_others_on_axes_of_their_own() -> None:
+    # corners of a segment of 2 m, and two skills in its middle: each 1 m off it, at right angles
+    goals = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 0, 1]])
+    np.testing.assert_array_equal(
+        set_apart(goals, (0, 2)), [[0, 0, 0, 0, 0], [1, 0, 0, 1, 0], [2, 0, 0, 0, 0], [1, 0, 0, 0, 1]]
+    )
+    assert set_apart(goals, (0, 1, 2, 3)) is goals
