@@ -28,3 +28,11 @@ def frames(turned: Array) -> Array:
         2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
     )  # fmt: skip
     return np.stack(rows, axis=1).reshape(-1, 3, 3)
+
+
+def quaternions(matrices: Array) -> Array:
+    """Convert rotation matrices (n, 3, 3) to quaternions (n, 4) w x y z, the inverse of `frames`."""
+    from scipy.spatial.transform import Rotation  # slow to import, and only needed here
+
+    found: Array = Rotation.from_matrix(matrices).as_quat(scalar_first=True) if len(matrices) else np.zeros((0, 4))
+    return found

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from command import made, skill
 
+from skillcli.evaluation.library import open_library
 from skillcli.store import ArtifactId, Store
 
 pytestmark = pytest.mark.slow
 
 TINY = (
-    "training.iterations=1", "training.simulations=14", "training.minibatch=128", "task.horizon=6", "evaluation.latents=1",
+    "training.iterations=1", "training.simulations=11", "training.minibatch=128", "task.horizon=6", "evaluation.latents=1",
     "evaluation.stored=1", "search.budget=1", "search.batch=4", "search.segments=[0.25]",
 )  # fmt: skip
 
@@ -43,7 +44,7 @@ def test_artifacts_are_whole_and_hold_the_fingers(store: Path) -> None:
 def test_carries_are_evaluated_with_the_block_in_the_hand_and_plans_begin_with_an_open_one(store: Path) -> None:
     kept = Store(store)
     skills = kept.read(ArtifactId("grasped", "pretrain", 1)).group("trajectories")["finger_position"][:, 0].sum(axis=1)
-    np.testing.assert_allclose(skills, np.repeat([0.08, 0.08, 0.04, 0.04, 0.04, 0.04, 0.04], 2), atol=1e-3)
+    np.testing.assert_allclose(skills, np.repeat([0.08, 0.08, *[0.04] * 9], 2), atol=1e-3)
     plan = kept.read(ArtifactId("grasped", "compose", 1)).group("trajectories")["finger_position"][:, 0].sum(axis=1)
     np.testing.assert_allclose(plan, 0.08, atol=1e-3)
 
@@ -53,3 +54,25 @@ def test_what_commands_joints_only_refuses_a_hand_with_one_line(store: Path, tmp
     wanted = [str(tmp_path / word) if word == "p.onnx" else word for word in words]
     result = skill("--store", store, *wanted)
     assert result.code != 0 and "moves the fingers of a hand" in result.err, result.err
+
+
+def test_a_named_composition_brings_its_scene_and_a_plan_keeps_it(store: Path) -> None:
+    made("--store", store, "compose", "grasped/embed-means", "--method", "search", "--task", "stack", "--name", "stacked")
+    made("--store", store, "transfer-eval", "stacked/compose", "--domain", "nominal", "--episodes", "2")
+    kept = Store(store)
+    plan = kept.read(ArtifactId("stacked", "compose", 1))
+    assert plan.recipe["task"]["others"] == [[0.45, 0.1], [0.55, -0.1]]
+    np.testing.assert_allclose(plan.arrays["waypoints/target"], [[0.45, 0.1, 0.06], [0.55, -0.1, 0.06]])
+    library = open_library(kept, plan)
+    assert library.world.task.others == ((0.45, 0.1), (0.55, -0.1)), "also for whoever goes on from the plan"
+    assert kept.read(plan.parents[0].id).recipe["task"]["others"] == [[0.5, 0.25]]
+    for stage in ("compose", "transfer-eval"):
+        assert kept.verify(ArtifactId("stacked", stage, 1)) == []
+
+
+def test_the_scene_can_be_set_and_other_keys_of_the_task_cannot(store: Path) -> None:
+    words = ("--store", store, "compose", "grasped/embed-means", "--goal", "0.55,0.1,0.06", "--name", "set")
+    made(*words, "--set", "task.others=[[0.55, 0.1]]")
+    assert Store(store).read(ArtifactId("set", "compose", 1)).recipe["task"]["others"] == [[0.55, 0.1]]
+    result = skill(*words, "--set", "task.block_mass=0.2")
+    assert result.code == 2 and "were trained on another recipe" in result.err

@@ -15,10 +15,10 @@ from skillcli.simulation.arm_environment import BASE, ArmEnvironment
 from skillcli.simulation.chance import Rng
 from skillcli.simulation.environment import SAFETY_LIMITS, Array, ObservationTerm, RewardTerms
 from skillcli.simulation.fingers import Fingers
-from skillcli.simulation.rotations import frames, upright
+from skillcli.simulation.rotations import frames, quaternions, up, upright
 from skillcli.simulation.safety import SOFT_TABLE_TOLERANCE
 from skillcli.simulation.settings import ArmTask
-from skillcli.tasks.blocks.geometry import QUARTERS, face_heading, heading, quarter_turn
+from skillcli.tasks.blocks.geometry import QUARTERS, face_heading, hand_frames, heading, quarter_turn
 from skillcli.tasks.blocks.scene import blocks_spec
 from skillcli.tasks.blocks.settings import KINDS, BlocksTask
 from skillcli.tasks.blocks.starts import Postures, postures
@@ -35,15 +35,20 @@ WHOLE = len(KINDS)  # no skill: a whole task, in which the block goes to its goa
 
 HAND_ABOVE, HAND_HIGH = 0.09, 0.15  # m: heights of the gripper over the table where skills begin
 JITTER = 0.3  # share of `start_offset` that an open hand above a block is off: two centimetres at its end
+CARRIED = 1.5  # how much farther than blocks begin from their nominal start they are when carried or put down
+OVER_THE_OTHER = 0.01  # m over another block, at which a block that is let go on it begins
+BESIDE_THE_OTHER = 0.1  # m per rad of `start_offset` that it is off its middle: a centimetre at its end
 REACH_OF_FINGERS = 0.025  # m from the gripper within which the middle of a held block is
 PRESSING = 0.008  # m by which the command of a hand that holds something leads the width
 LET_GO = 0.025  # m: the opened fingers leave a block this much room
-AT_HEIGHT = 0.005  # m higher than the goal, a block is down there
+DOWN = 0.015  # m over the table, below which a block in the hand can be put down
+AT_HEIGHT = 0.01  # m higher than the goal, a block is down there: it may drop that far
 NEAR = 0.05  # m from the goal, within which a bonus grows
 STEADY, CRUSHED = 5.0, 150.0  # N, downward force of the arm: begins to cost, and crushes a block
 PRESSED = 40.0  # N at which pressing costs most
 THROWN = 2.0  # m/s: twice the speed of a block that falls from where it is carried
 FALLEN = 0.5  # of its edge below the table top: a block that fell off
+STANDING = math.cos(math.radians(30))  # of the upward axis of a block that others are stacked on
 FREE_LEAN = math.cos(math.radians(10))  # of the hand, which costs nothing
 LOWEST = 0.004  # m over the table, below which the gripper pays
 # Reward of losing the block. It must be below the return of doing nothing, else failing early pays: of standing still with the
@@ -54,9 +59,9 @@ LOST = -30.0
 class BlocksEnvironment(ArmEnvironment):
     """N arms with a block each, and fingers that move.
 
-    A goal is a place. Of `above` the achieved goal is the gripper, of lift and carry the middle of the block. Of place, and of
-    a whole task (`NO_SKILL`), a block that is not let go counts as higher by what the fingers have yet to open: at the goal it
-    lies, and the fingers leave it room. `reward_terms` explains the shaping, `failed` when a block is lost.
+    A goal is a place. Of `above` the achieved goal is the gripper, of lift the height of the block, of carry its middle. Of
+    place, and of a whole task (`NO_SKILL`), a block that is not let go counts as higher by what the fingers have yet to open:
+    at the goal it lies, and the fingers leave it room. `reward_terms` explains the shaping, `failed` when a block is lost.
     """
 
     grasps = True
@@ -98,7 +103,7 @@ class BlocksEnvironment(ArmEnvironment):
         self._block_start, self._half = np.array(self._task.block_start), self._task.block_size / 2
         self._offset, self._yaw = np.zeros((num_envs, 2)), np.zeros(num_envs)
         self._progress = np.zeros(num_envs)
-        heights = (TABLE_TOP + self._half, HAND_ABOVE, HAND_HIGH)
+        heights = (TABLE_TOP + self._half, HAND_ABOVE, HAND_HIGH, TABLE_TOP + 3 * self._half + OVER_THE_OTHER)
         self._postures: Postures | None = None
         if self._task.grasped_starts:
             self._postures = postures(self.robot, tuple(self._start), self._task.block_start, heights)
@@ -114,7 +119,9 @@ class BlocksEnvironment(ArmEnvironment):
         self.arms.restore(ids, sim_states)
         if self._postures is not None:
             kind, held = self._kind[ids], self.held()[ids]
-            unfit = np.where(np.isin(kind, (CARRY, PLACE)), ~held, held & (kind != WHOLE))
+            down = self.arms.object_pose[ids, 2] < TABLE_TOP + self._half + DOWN
+            fit = {CARRY: held, PLACE: held & down, WHOLE: np.ones(len(ids), dtype=bool)}
+            unfit = ~np.select([kind == each for each in fit], list(fit.values()), ~held)
             if unfit.any():
                 self._place(ids[unfit])
         self._begin(ids, skill)
@@ -124,6 +131,9 @@ class BlocksEnvironment(ArmEnvironment):
         moved = np.isin(self._kind[ids], (ABOVE, LIFT, PLACE))
         away = self.arms.object_pose[ids, :2] - self._block_start
         self.desired_goal[ids, :2] += np.where(moved[:, None], away, 0.0)
+        placing = ids[self._kind[ids] == PLACE]
+        under = np.round((self.arms.object_pose[placing, 2] - self.desired_goal[placing, 2]) / (2 * self._half))
+        self.desired_goal[placing, 2] += 2 * self._half * np.maximum(under, 0.0)  # on as many blocks as it is now
 
     def _place(self, ids: Array) -> None:
         """Put arms and blocks where the skills begin; see `BlocksTask.grasped_starts`."""
@@ -136,12 +146,14 @@ class BlocksEnvironment(ArmEnvironment):
     def _place_ahead(self, ids: Array, found: Postures) -> None:
         """Put hands over, around, or with blocks: how far on, `start_progress` says in thirds."""
         kind, third = self._kind[ids], np.minimum((3 * self._progress[ids]).astype(int), 2)
-        # heights of the hand, by kind and third, as indices: 0 at the block's own, 1 above it, 2 high
-        level = np.array([[1, 0, 0], [2, 2, 2], [2, 1, 0]])[kind - LIFT, third]
+        # heights of the hand, by kind and third, as indices: 0 at the block's own, 1 above it, 2 high, 3 on another block
+        level = np.array([[1, 0, 0], [2, 1, 0], [0, 0, 3 if self._task.others else 0]])[kind - LIFT, third]
         grasped = (kind != LIFT) | (third == 2)
-        place = self._block_start + self._offset[ids]
+        place = self._block_start + np.where(kind == LIFT, 1.0, CARRIED)[:, None] * self._offset[ids]
         angles = found.at(place, level)
-        angles[level == 1] += np.where(grasped, 0.0, JITTER)[level == 1, None] * self._start_offset[ids][level == 1]
+        # A lift leaves the arm in other postures than these: far above the table a hand with a block may begin in any.
+        jitter = np.select([level == 2, (level == 1) & ~grasped], [1.0, JITTER], 0.0)
+        angles += jitter[:, None] * self._start_offset[ids]
         self.arms.reset_to(ids, angles)
         # The hand turns to the block; in the air the block turns with the hand.
         turn = quarter_turn(self._yaw[ids] - heading(self.arms.fingers.axis[ids]))
@@ -155,7 +167,16 @@ class BlocksEnvironment(ArmEnvironment):
         inside = self.arms.gripper_position[ids]
         pose[grasped, :3] = inside[grasped]
         pose[grasped, 2] = np.maximum(inside[grasped, 2], TABLE_TOP + self._half)
-        pose[grasped, 3:] = upright(heading(self.arms.fingers.axis[ids][grasped]))
+        axis, pointing = self.arms.fingers.axis[ids], self.arms.gripper_direction[ids]
+        pose[grasped, 3:] = upright(heading(axis[grasped]))
+        leaning = grasped & (level == 2)
+        pose[leaning, 3:] = quaternions(hand_frames(axis[leaning], pointing[leaning]))
+        stacked = level == 3
+        if stacked.any():
+            base = poses.reshape(len(ids), -1, 7)[:, 1 if self.arms.attended == 0 else 0]
+            base[stacked] = pose[stacked]
+            base[stacked, :2] += BESIDE_THE_OTHER * self._start_offset[ids][stacked, :2]
+            base[stacked, 2] = TABLE_TOP + self._half
         self.arms.reset_to(ids, angles, poses, hand)
 
     def _turning(self, ids: Array) -> Array:
@@ -204,6 +225,7 @@ class BlocksEnvironment(ArmEnvironment):
         """See `Environment`."""
         block = self.arms.object_pose[:, :3].copy()
         block[:, 2] += np.where(self._kind >= PLACE, self._yet_to_open(), 0.0)
+        block[:, :2] = np.where((self._kind == LIFT)[:, None], self.desired_goal[:, :2], block[:, :2])
         goal: Array = np.where((self._kind == ABOVE)[:, None], self.arms.gripper_position, block)
         return goal
 
@@ -228,6 +250,8 @@ class BlocksEnvironment(ArmEnvironment):
         - release (place): plus up to 0.5 for opening the fingers around a block that is down at the goal's height
         - early (above, lift): minus up to 0.1 for fingers that are closed and have no block between them
         - turned (above, lift): minus up to 0.2 for a hand that is not along the faces of the block
+        - dragged (place): minus 2 times the sideways speed of a block in the hand: where it began cannot be seen, but
+          whether it stays there can
         - leaning: minus how far the cosine of the hand's lean is below that of 10 degrees
         - struck: minus 0.5 times the square of the block's speed, 5 times that of a block that is not held: it is neither
           knocked nor dropped
@@ -258,6 +282,7 @@ class BlocksEnvironment(ArmEnvironment):
             costs={
                 "early": np.where(above_or_lift, 0.1 * closed * (1.0 - enclosed), 0.0),
                 "turned": np.where(above_or_lift, 0.1 * (1.0 - np.cos(QUARTERS * self._misalignment())), 0.0),
+                "dragged": np.where((kind == PLACE) & held, 2.0 * np.hypot(velocity[:, 0], velocity[:, 1]), 0.0),
                 "leaning": lean,
                 "struck": np.where(held, 0.5, 5.0) * (velocity**2).sum(axis=1),
                 "low": 10.0 * np.maximum(0.0, TABLE_TOP + LOWEST - self.arms.gripper_position[:, 2]),
@@ -293,13 +318,23 @@ class BlocksEnvironment(ArmEnvironment):
         return np.column_stack([of_arm, of_box, force > self.robot.graspers().force])
 
     def failed(self) -> Array:
-        """Return which blocks fell off the table, were thrown or crushed, or which simulations are unstable, (N,) bool."""
+        """Return which blocks fell off the table, were thrown or crushed, whose other blocks toppled, and what is unstable."""
         broken = super().failed()
         height = np.nan_to_num(self.arms.object_pose[:, 2], posinf=0.0, neginf=0.0)
         speed = np.abs(self.arms.object_velocity[:, :3]).max(axis=1)
         force = -self.arms.contact_force[:, 2]
+        broken |= self._toppled()
         lost: Array = broken | (height < TABLE_TOP - FALLEN * self._half) | ~(speed < THROWN) | ~(force < CRUSHED)
         return lost
+
+    def _toppled(self) -> Array:
+        """Return where one of the other blocks leans as it does not while it stands on a face, (N,) bool."""
+        toppled = np.zeros(self.num_envs, dtype=bool)
+        for other in range(len(self._task.others) + 1):
+            if other != self.arms.attended:
+                turned = np.nan_to_num(self.arms.object_poses[:, 7 * other + 3 : 7 * other + 7])
+                toppled |= up(turned)[:, 2] < STANDING
+        return toppled
 
     def privileged(self) -> Array:
         """See `Environment`."""
@@ -327,8 +362,8 @@ class BlocksEnvironment(ArmEnvironment):
         ends = np.cumsum([self.joints, 3, 3, 4, 3, 3, 2])
         _, relative, gripper, turned, axis, pointing, widths, _ = np.split(sensed, ends, axis=1)
         angle = QUARTERS * (face_heading(turned) - heading(axis))
-        up = frames(turned)[:, :, 2]
-        parts = (gripper - relative, np.sin(angle)[:, None], np.cos(angle)[:, None], up, pointing)
+        upward = frames(turned)[:, :, 2]
+        parts = (gripper - relative, np.sin(angle)[:, None], np.cos(angle)[:, None], upward, pointing)
         return np.concatenate([*parts, widths[:, :1], widths[:, :1] - widths[:, 1:]], axis=1)
 
     def object_seen(self) -> Array:

@@ -26,6 +26,17 @@ def face_heading(turned: Array) -> Array:
     return heading(axes[np.arange(len(axes)), :, most_level])
 
 
+def hand_frames(closing: Array, pointing: Array) -> Array:
+    """Return the orientation of blocks between fingers, as rotation matrices (n, 3, 3); in a hand that points down upright.
+
+    Args:
+        closing: directions in which fingers close, unit vectors (n, 3).
+        pointing: directions in which hands point, unit vectors (n, 3) at right angles to them.
+    """
+    upward = -pointing
+    return np.stack([closing, np.cross(upward, closing), upward], axis=2)
+
+
 def quarter_turn(angle: Array) -> Array:
     """Return the smallest rotation that differs from angles (n,) by quarter turns, (n,) rad within ±45 degrees."""
     quarter = 2 * np.pi / QUARTERS

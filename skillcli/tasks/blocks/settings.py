@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import model_validator
 
@@ -16,18 +16,27 @@ KINDS = ("above", "lift", "carry", "place")  # what a skill does: the first word
 class BlocksTask(ArmTask):
     """The arm's hand grasps a block, carries it, and puts it down; one skill per goal."""
 
+    SCENE: ClassVar[tuple[str, ...]] = ("others",)
+
     name: Literal["blocks"] = value("blocks", "which task", "")
     goals: tuple[Vector3, ...] = value(
         (
-            (0.5, 0.0, 0.09), (0.5, 0.0, 0.15), (0.4, -0.15, 0.15), (0.4, 0.15, 0.15), (0.6, -0.15, 0.15), (0.6, 0.15, 0.15),
+            (0.5, 0.0, 0.09), (0.5, 0.0, 0.15),
+            (0.4, -0.15, 0.15), (0.4, 0.15, 0.15), (0.6, -0.15, 0.15), (0.6, 0.15, 0.15),
+            (0.4, -0.15, 0.02), (0.4, 0.15, 0.02), (0.6, -0.15, 0.02), (0.6, 0.15, 0.02),
             (0.5, 0.0, 0.02),
         ),
         "where each skill should end: of `above` the gripper, of the others the middle of the block; x and y of above, lift and"
-        " place as if the block began at block_start, and else as far from where it begins",
+        " place as if the block began at block_start, and else as far from where it begins; of lift only the height counts",
         "m", min_length=1, max_length=MAX_SKILLS,
     )  # fmt: skip
     names: tuple[str, ...] = value(
-        ("above", "lift", "carry-near-right", "carry-near-left", "carry-far-right", "carry-far-left", "place"),
+        (
+            "above", "lift",
+            "carry-near-right", "carry-near-left", "carry-far-right", "carry-far-left",
+            "carry-near-right-low", "carry-near-left-low", "carry-far-right-low", "carry-far-left-low",
+            "place",
+        ),
         "names of the skills; each begins with what it does: above, lift, carry or place", "", min_length=1,
     )  # fmt: skip
     tolerance: float = value(0.02, "success radius", "m", gt=0)
@@ -37,7 +46,10 @@ class BlocksTask(ArmTask):
     )
     block_start: tuple[float, float] = value((0.5, 0.0), "nominal start of the block on the table", "m")
     others: tuple[tuple[float, float], ...] = value(
-        (), "starts of further blocks, up to two, to stack on", "m", max_length=MOST_OBJECTS - 1
+        (),
+        "starts of further blocks, up to two; some episodes of place begin with the block in the hand on the first",
+        "m",
+        max_length=MOST_OBJECTS - 1,
     )
     block_size: float = value(0.04, "edge of the block", "m", ge=0.01, le=0.3)
     block_mass: float = value(0.1, "of the block, evenly filled", "kg", gt=0, le=5)
@@ -62,3 +74,13 @@ class BlocksTask(ArmTask):
     def kinds(self) -> tuple[str, ...]:
         """Return what each skill does, one of `KINDS`."""
         return tuple(name.split("-")[0] for name in self.names)
+
+    @property
+    def carry_height(self) -> float:
+        """Return how high blocks are carried, their middles, m."""
+        return max(goal[2] for goal in self.goals)
+
+    @property
+    def mixing(self) -> tuple[int, ...]:
+        """See `TaskSettings`: places that a block is carried to."""
+        return tuple(index for index, kind in enumerate(self.kinds) if kind == "carry")

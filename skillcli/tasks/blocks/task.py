@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from skillcli.errors import UsageError
 from skillcli.robots.robot import Robot
+from skillcli.tasks.blocks.cost_to_go import BlockCostToGo
 from skillcli.tasks.blocks.settings import BlocksTask
 from skillcli.tasks.goals import check_in_reach, listed
 from skillcli.tasks.on_table import check_start_on_table, room_on_table
-from skillcli.tasks.spec import FigureSettings, TaskEnvironment, TaskSpec
+from skillcli.tasks.spec import FigureSettings, Route, TaskEnvironment, TaskSpec
 from skillcli.trajectories import Array
+
+BASES = ((0.45, 0.1), (0.55, -0.1))  # m, blocks to stack another one on
 
 
 def _environment() -> TaskEnvironment:
@@ -49,6 +55,17 @@ def _place(task: BlocksTask, robot: Robot) -> dict[str, Any]:
     return place_blocks(task, robot)
 
 
+def _places() -> tuple[Route, ...]:
+    """Return twenty places on the table between the corners that blocks are carried to, drawn once."""
+    rng = random.Random(0)
+    return tuple(((round(rng.uniform(0.4, 0.6), 3), round(rng.uniform(-0.15, 0.15), 3), 0.02),) for _ in range(20))
+
+
+def _aims(task: BlocksTask, waypoint: Array) -> tuple[Array, ...]:
+    """Return the place over a waypoint, from which a block is let down, and the waypoint."""
+    return (np.array([*waypoint[:2], task.carry_height]), waypoint)
+
+
 TASK = TaskSpec(
     name="blocks",
     description="the arm's hand grasps a block, carries it and puts it down, with real contact",
@@ -60,6 +77,10 @@ TASK = TaskSpec(
     check_start=_check_start,
     placed=("start", "action_limit"),
     place=_place,
+    compositions={"pick-and-place": _places(), "stack": tuple(((*base, 0.06),) for base in BASES)},
+    scenes={"stack": {"others": BASES}},
+    cost_to_go=lambda task: BlockCostToGo(task.carry_height),
+    aims=_aims,
     figure_settings=FigureSettings(((0, 1), (0, 2)), "block"),
     robot="panda",
     grasps=True,

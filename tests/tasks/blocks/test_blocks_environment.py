@@ -7,9 +7,11 @@ import pytest
 from worlds import PANDA, SAWYER, blocks_env
 
 from skillcli.errors import UsageError
+from skillcli.hull import Hull
 from skillcli.recipe import resolve
 from skillcli.simulation.arms import ArmBatch
 from skillcli.simulation.environment import NO_SKILL, SAFETY_LIMITS
+from skillcli.simulation.rotations import frames
 from skillcli.tasks.blocks.environment import HAND_ABOVE, HAND_HIGH, LET_GO, LOST, BlocksEnvironment
 from skillcli.tasks.blocks.geometry import QUARTERS, heading
 from skillcli.tasks.blocks.settings import BlocksTask
@@ -18,8 +20,9 @@ from skillcli.trajectories import Array
 
 START = (0.0, 0.0294, 0.0, -2.3707, 0.0, 2.4004, 0.785)  # of the Panda, 20 cm above the block
 TASK = BlocksTask(start=START)
-ABOVE, LIFT, CARRY, PLACE = 0, 1, 2, 6  # skills of the default task
+ABOVE, LIFT, CARRY, PLACE = 0, 1, 2, 10  # skills of the default task
 SKILLS = np.array([ABOVE, LIFT, CARRY, PLACE])
+DOWN = 0.02  # m, the middle of a block on the table
 STILL, CLOSE, OPEN = (np.array([0.0] * 7 + [closing]) for closing in (0.0, -1.0, 1.0))
 
 
@@ -48,7 +51,7 @@ def over_the_block(env: BlocksEnvironment) -> Array:
 def test_skills_begin_where_others_end() -> None:
     env = begun(SKILLS)
     assert env.held().tolist() == [False, False, True, True]
-    np.testing.assert_allclose(env.arms.gripper_position[1:, 2], [HAND_ABOVE, HAND_HIGH, HAND_HIGH], atol=5e-3)
+    np.testing.assert_allclose(env.arms.gripper_position[1:, 2], [HAND_ABOVE, HAND_HIGH, DOWN], atol=5e-3)
     assert (over_the_block(env)[1:] < 5e-3).all()
     np.testing.assert_allclose(env.arms.fingers.width, [0.08, 0.08, 0.04, 0.04], atol=1e-6)
     drive(env, STILL, 20)
@@ -84,6 +87,37 @@ def test_a_skill_does_not_begin_from_a_state_of_which_nothing_can_become(skill: 
     env.reset_to_state(np.array([0, 1]), np.stack([fit, unfit]), np.full(2, skill))
     np.testing.assert_array_equal(env.save(np.array([0]))[0], fit)
     assert env.held()[1] == (skill == CARRY)
+
+
+def test_a_block_is_put_down_only_from_where_it_is_down() -> None:
+    env = begun(np.array([CARRY, PLACE]))
+    raised, down = env.save(np.array([0, 1]))
+    env.reset_to_state(np.array([0, 1]), np.stack([raised, down]), np.full(2, PLACE))
+    np.testing.assert_array_equal(env.save(np.array([1]))[0], down)
+    np.testing.assert_allclose(env.arms.object_pose[:, 2], DOWN, atol=2e-3)
+    assert env.held().all()
+
+
+def test_some_blocks_are_let_go_on_another_one_where_there_is_one() -> None:
+    env = begun(np.full(4, PLACE), progress=1.0, task=TASK.model_copy(update={"others": ((0.5, 0.25),)}))
+    base, block = env.arms.object_poses[:, 7:10], env.arms.object_pose[:, :3]
+    np.testing.assert_allclose(block - base, [[0.0, 0.0, 0.05]] * 4, atol=2e-3)
+    np.testing.assert_allclose(env.desired_goal - base, [[0.0, 0.0, 0.04]] * 4, atol=2e-3)
+    assert env.held().all() and np.ptp(base[:, 0]) > 0.05
+    drive(env, OPEN, 12)
+    assert not env.held().any() and not env.failed().any()
+    np.testing.assert_allclose(env.achieved_goal(), env.desired_goal, atol=4e-3)
+
+
+def test_of_lift_only_the_height_counts() -> None:
+    env = begun(np.full(1, LIFT), progress=1.0)
+    env.arms.object_pose[0, :3] += [0.2, 0.1, 0.05]
+    np.testing.assert_allclose(env.desired_goal - env.achieved_goal(), [[0.0, 0.0, 0.13 - 0.05]], atol=2e-3)
+
+
+def test_carries_are_the_corners_of_a_cuboid_and_nothing_else_is_mixed() -> None:
+    corners = np.array(TASK.goals)[list(TASK.mixing)]
+    assert {TASK.kinds[skill] for skill in TASK.mixing} == {"carry"} and Hull(corners).cuboid is not None
 
 
 def test_goals_of_lift_and_place_are_over_and_under_the_block_wherever_it_is() -> None:
@@ -198,3 +232,23 @@ def test_an_arm_without_a_hand_is_refused_with_one_line() -> None:
 def test_names_say_what_skills_do(names: tuple[str, ...]) -> None:
     with pytest.raises(ValueError, match="name"):
         BlocksTask(names=names)
+
+
+def test_a_block_under_others_that_topples_is_a_failure() -> None:
+    env = begun(np.full(3, ABOVE), task=TASK.model_copy(update={"others": ((0.45, 0.2), (0.6, -0.2))}))
+    tilt = np.radians(40)
+    env.arms.object_poses[1, 10:14] = [np.cos(tilt / 2), np.sin(tilt / 2), 0, 0]  # about x
+    env.arms.object_poses[2, 17:21] = [np.cos(tilt / 2), 0, 0, np.sin(tilt / 2)]  # seen from above
+    assert env.failed().tolist() == [False, True, False]
+
+
+def test_a_block_that_is_carried_lies_in_the_hand_whatever_the_posture() -> None:
+    env = begun(np.full(4, CARRY))
+    env._start_offset = np.random.default_rng(2).uniform(-0.1, 0.1, (4, 7))
+    env.reset(np.arange(4), np.full(4, CARRY))
+    assert env.held().all() and (np.linalg.norm(env.position(), axis=1) < 1e-6).all()
+    assert (-env.arms.gripper_direction[:, 2]).min() < 0.999, "hands lean"
+    up_of_block = frames(env.arms.object_pose[:, 3:])[:, :, 2]
+    np.testing.assert_allclose(up_of_block, -env.arms.gripper_direction, atol=1e-5)
+    drive(env, STILL, 20)
+    assert env.held().all() and (np.abs(env.arms.object_velocity) < 1e-2).all()
