@@ -95,12 +95,13 @@ class Inversion:
 
     def _hold(self, aim: Array) -> Trial:
         goal_map = self._problem.goal_map
-        latent, aim = goal_map.latents(aim[None])[0], goal_map.hull.inside(aim[None])[0]
+        weights = goal_map.hull.weights(aim[None])[0]
+        latent = weights @ goal_map.mean
         outcome = self._world.hold(self._sim_state[None], latent[None], self._problem.horizon)
         ends = outcome.path[0, :, -1, 0]  # (M, 3)
         error = float(risk_adjusted(np.linalg.norm(ends - self._goal, axis=1)))
         failed = bool(outcome.failed.any())
-        return Trial(aim, latent, ends.mean(axis=0), failed, error, outcome.sim_states[0])
+        return Trial(weights @ goal_map.goals, latent, ends.mean(axis=0), failed, error, outcome.sim_states[0])
 
 
 def plan(problem: PlanningProblem) -> PlanResult:

@@ -13,7 +13,6 @@ import numpy as np
 from skillcli.errors import StoreError, UsageError
 from skillcli.evaluation.consistency import (
     TRAINED,
-    are_same_skills,
     check_meaning,
     check_same_skills,
     skill_names,
@@ -65,7 +64,7 @@ def check_untouched(library: Library, recipe: Recipe, settable: str) -> None:
     Raises:
         UsageError: it differs from the library's recipe in a key that training depends on.
     """
-    if not are_same_skills(recipe, library.recipe):
+    if recipe.fingerprint(TRAINED) != library.recipe.fingerprint(TRAINED):
         raise UsageError(
             f"the skills of {library.source.id} were trained on another recipe than the one given now",
             f"only {settable} can be set here; else train anew",

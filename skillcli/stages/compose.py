@@ -103,8 +103,8 @@ def draft_of(
         SkillError: see `compose`.
     """
     spec = method_spec(method)
-    check_untouched(library, recipe, f"{', '.join(f'{section}.*' for section in METHODS)} and compose.*")
     library = library.in_scene(recipe.task)
+    check_untouched(library, recipe, f"{', '.join(f'{section}.*' for section in METHODS)} and compose.*")
     robots = robots_for(recipe, library.world, method, on, seed)
     others = find_domain(recipe.compose.robots)
     started = time.perf_counter()

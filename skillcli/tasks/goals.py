@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from skillcli.errors import UsageError
@@ -9,6 +11,11 @@ from skillcli.robots.robot import Robot
 from skillcli.robots.scene import TABLE_TOP
 from skillcli.simulation.settings import ArmTask
 from skillcli.trajectories import Array
+
+
+def as_typed(_: ArmTask, goal: Sequence[float]) -> list[float]:
+    """Return a typed goal, which is its place, (3,) m."""
+    return [*goal]
 
 
 def check_in_reach(task: ArmTask, robot: Robot, goal: Array) -> None:

@@ -84,6 +84,28 @@ def room_on_table(margin: float) -> tuple[Array, Array]:
     return TABLE_CENTRE - room, TABLE_CENTRE + room
 
 
+def check_goal_on_table(goal: str, thing: str, place: Array, margin: float, hint: str, zero: Sequence[float] = (0, 0)) -> None:
+    """Refuse a goal at a place (2,) m with no room for an object.
+
+    Args:
+        goal: what a typed goal is, for the message.
+        thing: the object.
+        place: (2,) m.
+        margin: how far the middle of the object must be from the rim of the table, m.
+        hint: of the message, with `{low}` and `{high}` for the lowest and highest goal.
+        zero: (2,) m, the place from which goals are typed.
+
+    Raises:
+        UsageError: there is none.
+    """
+    lowest, highest = room_on_table(margin)
+    if ((place < lowest) | (place > highest)).any():
+        raise UsageError(
+            f"{goal} {listed(place - zero)} leaves no room for the {thing} on the table",
+            hint.format(low=listed(lowest - zero), high=listed(highest - zero)),
+        )
+
+
 def check_start_on_table(what: str, start: Sequence[float], margin: float, low: float, high: float) -> None:
     """Refuse an object that may start off the table, drawn from `low` to `high` m off its nominal start (2,) m.
 

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from skillcli.errors import UsageError
 from skillcli.robots.robot import Robot
 from skillcli.tasks.blocks.cost_to_go import BlockCostToGo
 from skillcli.tasks.blocks.settings import BlocksTask
-from skillcli.tasks.goals import check_in_reach, listed
-from skillcli.tasks.on_table import check_start_on_table, room_on_table
+from skillcli.tasks.goals import as_typed, check_in_reach
+from skillcli.tasks.on_table import check_goal_on_table, check_start_on_table
 from skillcli.tasks.spec import FigureSettings, Route, TaskEnvironment, TaskSpec
 from skillcli.trajectories import Array
 
@@ -26,22 +24,20 @@ def _environment() -> TaskEnvironment:
     return BlocksEnvironment
 
 
-def _place_goal(task: BlocksTask, goal: Sequence[float]) -> list[float]:
-    return [*goal]
-
-
 def _check_goal(task: BlocksTask, robot: Robot, goal: Array) -> None:
-    lowest, highest = room_on_table(_margin(task))
-    if ((goal[:2] < lowest) | (goal[:2] > highest)).any():
-        raise UsageError(
-            f"goal {listed(goal)} leaves no room for the block on the table",
-            f"there is room for it at {listed(lowest)} .. {listed(highest)} m",
-        )
+    check_goal_on_table("goal", "block", goal[:2], _margin(task), "there is room for it at {low} .. {high} m")
     check_in_reach(task, robot, goal)
+    _check_others(task)
 
 
 def _check_start(task: BlocksTask, low: float, high: float) -> None:
     check_start_on_table("a block at task.block_start", task.block_start, _margin(task), low, high)
+    _check_others(task)
+
+
+def _check_others(task: BlocksTask) -> None:
+    for place in task.others:
+        check_start_on_table("a block of task.others at", place, _margin(task), 0.0, 0.0)
 
 
 def _margin(task: BlocksTask) -> float:
@@ -71,7 +67,7 @@ TASK = TaskSpec(
     description="the arm's hand grasps a block, carries it and puts it down, with real contact",
     settings=BlocksTask,
     environment=_environment,
-    place_goal=_place_goal,
+    place_goal=as_typed,
     example="0.55,0.1,0.02",
     check_goal=_check_goal,
     check_start=_check_start,

@@ -6,10 +6,9 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from skillcli.errors import UsageError
 from skillcli.robots.robot import Robot
-from skillcli.tasks.goals import check_in_reach, listed
-from skillcli.tasks.on_table import check_start_on_table, room_on_table
+from skillcli.tasks.goals import check_in_reach
+from skillcli.tasks.on_table import check_goal_on_table, check_start_on_table
 from skillcli.tasks.push.cost_to_go import BoxCostToGo
 from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.spec import FigureSettings, Route, TaskEnvironment, TaskSpec
@@ -28,13 +27,8 @@ def _place_goal(task: PushTask, goal: Sequence[float]) -> list[float]:
 
 
 def _check_goal(task: PushTask, robot: Robot, goal: Array) -> None:
-    lowest, highest = room_on_table(_margin(task))
-    if ((goal[:2] < lowest) | (goal[:2] > highest)).any():
-        low, high = lowest - task.box_start, highest - task.box_start
-        raise UsageError(
-            f"displacement {listed(goal[:2] - task.box_start)} leaves no room for the box on the table",
-            f"displacements lie between {listed(low)} and {listed(high)} m",
-        )
+    hint = "displacements lie between {low} and {high} m"
+    check_goal_on_table("displacement", "box", goal[:2], _margin(task), hint, task.box_start)
     check_in_reach(task, robot, goal)
 
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from skillcli.robots.robot import Robot
-from skillcli.tasks.goals import check_in_reach
+from skillcli.tasks.goals import as_typed, check_in_reach
 from skillcli.tasks.reach.settings import ReachTask
 from skillcli.tasks.spec import Route, TaskEnvironment, TaskSpec
 
@@ -17,10 +16,6 @@ def _environment() -> TaskEnvironment:
     from skillcli.tasks.reach.environment import ReachEnvironment
 
     return ReachEnvironment
-
-
-def _place_goal(task: ReachTask, goal: Sequence[float]) -> list[float]:
-    return [*goal]
 
 
 def _place(task: ReachTask, robot: Robot) -> dict[str, Any]:
@@ -44,7 +39,7 @@ TASK = TaskSpec(
     description="the arm's gripper goes to points in space, joint increments at 20 Hz",
     settings=ReachTask,
     environment=_environment,
-    place_goal=_place_goal,
+    place_goal=as_typed,
     example="0.6,0.0,0.2",
     placed=("goals", "start", "action_limit"),
     place=_place,
