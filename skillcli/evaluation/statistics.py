@@ -21,7 +21,7 @@ from skillcli.trajectories import Array
 Strata = Sequence[Array]
 """Scores of the runs of each stratum, (n_s,)."""
 
-RESAMPLES = 50_000  # then another seed moves the ends of an interval by less than a hundredth of its width
+RESAMPLES = 50_000  # then another seed moves the ends of an interval by about a hundredth of its width
 QUICK_RESAMPLES = 5_000  # of each point of a curve
 _BAND_RESAMPLES = 1_000  # of a profile, and of a probability of improvement
 _BLOCK = 1 << 21  # scores that are drawn at once

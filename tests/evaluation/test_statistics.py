@@ -42,7 +42,9 @@ def test_the_interquartile_mean_of_a_published_sample_is_the_published_one() -> 
     assert statistics.iqm(np.array([5, 8, 4, 38, 8, 6, 9, 7, 7, 3, 1, 6])) == 6.5
 
 
-@pytest.mark.parametrize(("method", "iqm", "mean"), [("IRIS", 0.501, 1.046), ("SimPLe", 0.130, 0.332)])
+@pytest.mark.parametrize(
+    ("method", "iqm", "mean"), [("IRIS", 0.501, 1.046), ("SimPLe", 0.130, 0.332), ("DIAMOND", 0.641, 1.459)]
+)
 def test_the_interquartile_mean_of_published_runs_is_the_published_one(method: str, iqm: float, mean: float) -> None:
     scores = np.concatenate(atari(method))
     assert scores.shape == (26 * 5,)
@@ -51,20 +53,27 @@ def test_the_interquartile_mean_of_published_runs_is_the_published_one(method: s
 
 
 def test_the_interval_of_published_runs_is_the_published_one() -> None:
-    # README: IQM 569 (475, 662), mean 535 (481, 589) of 1000. Only resamples that keep the tasks of each run give these.
-    returns = list(drq().T)
-    found = statistics.estimate(returns)
+    # README: IQM 569 (475, 662), mean 535 (481, 589) of 1000, digits cut off. A stratum is a run with its 19 tasks: rliable
+    # 1.2.0 gives these intervals with runs in the place of tasks, and (525, 613) by task. With so many resamples another seed
+    # moves an end by 0.0002; the published ends have an error of their own, 0.0006 from 50,000 resamples.
+    runs = list(drq().T)
+    found = statistics.estimate(runs, resamples=500_000)
     assert (found.value, found.low, found.high) == pytest.approx((0.569, 0.475, 0.662), abs=1e-3)
-    mean = statistics.estimate(returns, lambda scores: scores.mean(axis=-1))
+    mean = statistics.estimate(runs, lambda scores: scores.mean(axis=-1), resamples=500_000)
     assert (mean.value, mean.low, mean.high) == pytest.approx((0.535, 0.481, 0.589), abs=1e-3)
 
 
 @pytest.mark.parametrize(
     ("scores", "low", "high"),
-    [(atari("IRIS"), 0.4419, 0.5643), (atari("SimPLe"), 0.0989, 0.1672), (list(drq()), 0.5249, 0.6131)],
+    [
+        (atari("IRIS"), 0.4419, 0.5643),
+        (atari("SimPLe"), 0.0989, 0.1672),
+        (atari("DIAMOND"), 0.5781, 0.7079),
+        (list(drq()), 0.5249, 0.6131),
+    ],
 )
 def test_the_interval_by_task_is_that_of_rliable(scores: list[np.ndarray], low: float, high: float) -> None:
-    # rliable 1.2.0, get_interval_estimates with reps=50000, mean of its seeds 0 and 1, which differ by up to 0.0005
+    # rliable 1.2.0, get_interval_estimates with reps=50000, mean of its seeds 0 and 1, which differ by up to 0.001
     found = statistics.estimate(scores)
     assert (found.low, found.high) == pytest.approx((low, high), abs=1e-3)
 
