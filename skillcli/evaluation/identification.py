@@ -36,7 +36,7 @@ class Identification:
         if world.spec.uses_robot:
             robots = SampledRobots({"latency": LATENCY_CANDIDATES}, len(LATENCY_CANDIDATES)).make_env(world, 1)
             assert isinstance(robots, ArmEnvironment)
-            self._robots, self._limit = robots, world.task.action_scale
+            self._robots, self._limit = robots, world.action_scale
         self.reset()
 
     def reset(self) -> None:

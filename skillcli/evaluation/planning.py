@@ -19,6 +19,12 @@ from skillcli.tasks.world import MAX_SIMULATIONS
 from skillcli.trajectories import SAFETY_LIMITS, Array
 
 
+def aims_of(library: Library, waypoints: Array) -> tuple[Array, ...]:
+    """Return the places (3,) m that lead to waypoints (W, 3) m: search offers their latents where mixtures were trained."""
+    world = library.world
+    return tuple(aim for waypoint in waypoints for aim in world.spec.aims(world.task, waypoint))
+
+
 def problem_of(
     library: Library, recipe: Recipe, method: str, waypoints: Array, robots: SampledRobots, entries: tuple[Entry, ...] = (),
     seed: int = 0, on_progress: OnProgress = silent,
@@ -62,7 +68,7 @@ def problem_of(
         cost_to_go=cost_to_go(task) or STRAIGHT,
         entries=entries,
         mixtures=recipe.mixtures.share > 0,
-        aims=tuple(aim for waypoint in waypoints for aim in library.world.spec.aims(task, waypoint)),
+        aims=aims_of(library, waypoints),
         handed_over={name: recipe.settings_of(name) for name in method_spec(method).sections[1:]},
         robots=robots.count,
         seed=seed,

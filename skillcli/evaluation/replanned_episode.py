@@ -140,7 +140,7 @@ class ReplannedEpisode:
         if self._letting_go is not None:
             return self._letting_go
         if self._holding:
-            return np.zeros((1, self._target.joints))
+            return np.zeros_like(self._target.applied)
         return self._adviser.act(observation, latent)
 
     def condition(self, _: int, failed: Array) -> tuple[Array, Array, Array] | None:

@@ -15,14 +15,14 @@ import numpy as np
 
 from skillcli.composition.latent_environment import LatentEnvironment
 from skillcli.composition.mpc import ModelPredictiveControl, MpcSettings, mpc_from
-from skillcli.composition.plan import Segment
+from skillcli.composition.plan import Choices, Segment
 from skillcli.composition.planner import run
 from skillcli.composition.registry import method_spec, replanning
 from skillcli.composition.search import Expansions, SearchSettings, choices_of, search_from
 from skillcli.errors import UsageError
 from skillcli.evaluation.identification import Identification
 from skillcli.evaluation.library import Library
-from skillcli.evaluation.planning import problem_of
+from skillcli.evaluation.planning import aims_of, problem_of
 from skillcli.evaluation.reflex import Reflex
 from skillcli.evaluation.replanned_episode import LONGEST, MARGIN, Prospect, ReplannedEpisode, Sighting
 from skillcli.evaluation.rollouts import met, rollout_closed_loop
@@ -76,11 +76,11 @@ class Replanner:
         settings = settings.model_copy(update=changed)
         problem = replace(problem, settings=settings)
         if isinstance(settings, SearchSettings):
-            self._choices = choices_of(problem)
-            slots, longest = recipe.transfer.replan_batch * len(self._choices.latent), settings.segments[0]
+            offered = len(choices_of(problem).latent) + len(library.world.spec.aims(library.world.task, library.goals[0]))
+            slots, longest = recipe.transfer.replan_batch * offered, settings.segments[0]
         else:
             slots, longest = settings.samples, settings.segment
-        self.problem, self.recipe, self.effort = problem, recipe, Effort()
+        self.problem, self.recipe, self.effort, self._library = problem, recipe, Effort(), library
         self.act = library.agent.act
         self._simulations = robots.make_env(library.world, slots)
         self._latency = 0.0  # s, latency of the simulations
@@ -89,7 +89,7 @@ class Replanner:
         self._others: Environment | None = None
         if isinstance(settings, SearchSettings) and self._simulations.violations().shape[1] > ARM_LIMITS:
             several = SampledRobots({"latency": np.zeros(len(FRICTION)), "contact_friction": FRICTION}, len(FRICTION))
-            self._others = several.make_env(library.world, len(self._choices.latent))
+            self._others = several.make_env(library.world, offered)
             self._elsewhere = LatentEnvironment(self._others, self.act, len(FRICTION), PLANNED_LIMITS)
         self._rng = np.random.default_rng(0)
         self.reflex = reflex_of(self._simulations)
@@ -170,13 +170,14 @@ class Replanner:
     def next(self, seen: StateEstimate, waypoints: Array, rng: np.random.Generator) -> Prospect:
         """Plan the next segment and predict its result; if every plan violates a limit, plan without limits."""
         began = time.perf_counter()
-        barred = self._barred(seen, rng)
+        choices = self._choices(waypoints)
+        barred = self._barred(seen, choices, rng)
         self._simulations.set_estimated_state(np.array([0]), seen.state, self._known.sag[None])
         sim_state, keypoints = self._world.start()
-        planner = self._planner(sim_state, keypoints, waypoints, rng, barred)
+        planner = self._planner(sim_state, keypoints, waypoints, choices, rng, barred)
         run(planner, self._world, lambda *_: None)
         if not planner.plan():
-            planner = self._planner(sim_state, keypoints, waypoints, rng)
+            planner = self._planner(sim_state, keypoints, waypoints, choices, rng)
             run(planner, self._without_limits, lambda *_: None)
         self.effort.plans += 1
         self.effort.seconds += time.perf_counter() - began
@@ -186,25 +187,32 @@ class Replanner:
             return Prospect(first, keypoints[0, 0], planner.remaining_length)
         return Prospect(replace(plan[0], steps=min(plan[0].steps, self._longest)), planner.next_place, planner.remaining_length)
 
-    def _barred(self, seen: StateEstimate, rng: np.random.Generator) -> frozenset[int]:
+    def _choices(self, waypoints: Array) -> Choices | None:
+        """Return the latents that a search tries on the way to waypoints (W, 3) m, None for a method that tries its own."""
+        if not isinstance(self.problem.settings, SearchSettings):
+            return None
+        return choices_of(replace(self.problem, aims=aims_of(self._library, waypoints)))
+
+    def _barred(self, seen: StateEstimate, choices: Choices | None, rng: np.random.Generator) -> frozenset[int]:
         """Return the choices that violate a limit of the box more often than others, over several values of friction."""
-        if self._others is None:
+        if self._others is None or choices is None:
             return frozenset()
         robots = np.arange(len(FRICTION))
         sag = self._known.sag + SAG_STD * rng.standard_normal((len(robots), self._simulations.joints))
         self._others.set_estimated_state(robots, np.repeat(seen.state, len(robots), axis=0), sag)
-        latent = self._choices.latent
+        latent = choices.latent
         sim_states = np.tile(self._others.save(robots).ravel(), (len(latent), 1))
         broken = self._elsewhere.hold(sim_states, latent, self._longest).failed.sum(axis=1)
         return frozenset(np.flatnonzero(broken > broken.min()).tolist())
 
     def _planner(
-        self, sim_state: Array, keypoints: Array, waypoints: Array, rng: np.random.Generator, barred: Collection[int] = ()
-    ) -> Expansions | ModelPredictiveControl:
-        if isinstance(self.problem.settings, MpcSettings):
+        self, sim_state: Array, keypoints: Array, waypoints: Array, choices: Choices | None, rng: np.random.Generator,
+        barred: Collection[int] = (),
+    ) -> Expansions | ModelPredictiveControl:  # fmt: skip
+        if choices is None:
             return mpc_from(self.problem, sim_state, keypoints, waypoints, 1, rng)
         settings = self.recipe.transfer
-        search = search_from(self.problem, sim_state, keypoints, waypoints, self._choices, settings.replan_budget, barred)
+        search = search_from(self.problem, sim_state, keypoints, waypoints, choices, settings.replan_budget, barred)
         return Expansions(search, settings.replan_batch)
 
 

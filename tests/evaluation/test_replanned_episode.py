@@ -5,12 +5,13 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import numpy as np
-from worlds import make_env
+from worlds import blocks_env, make_env
 
 from skillcli.composition.plan import Segment
 from skillcli.evaluation.replanned_episode import Prospect, ReplannedEpisode, Sighting
 from skillcli.evaluation.rollouts import rollout_closed_loop
 from skillcli.simulation.arm_environment import ArmEnvironment
+from skillcli.tasks.blocks.settings import BlocksTask
 from skillcli.tasks.reach.settings import ReachTask
 from skillcli.trajectories import Array, Trajectories
 
@@ -65,6 +66,13 @@ def test_the_target_holds_until_the_plan_is_there_and_rests_before_it_is_looked_
     rested = adviser.told[1]
     assert len(rested.applied) == len(rested.measured) == 4 + 2, "it is told of the segment and how it came to rest"
     assert rested.begun.shape == rested.seen.state.shape and not adviser.told[0].applied
+
+
+def test_a_hand_neither_opens_nor_closes_while_it_waits() -> None:
+    env = blocks_env(BlocksTask(grasped_starts=False), 1, 1)
+    mission = ReplannedEpisode(Slow(takes=2), env, FAR, 8)
+    recording, _ = rollout_closed_loop(env, mission.act, mission.condition, 2)
+    assert recording.action.shape == (1, 2, 8) and not recording.action.any()
 
 
 def test_waiting_is_no_time_of_the_episode() -> None:

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from worlds import make_env, push_env, target_robot, world
+from worlds import blocks_env, make_env, push_env, target_robot, world
 
 from skillcli.cli.tables import _gave_up
 from skillcli.composition.latent_environment import LatentEnvironment
@@ -19,6 +19,7 @@ from skillcli.kinds.transfer_eval import DomainResults
 from skillcli.recipe import Recipe, resolve
 from skillcli.simulation.arm_environment import ArmEnvironment
 from skillcli.simulation.environment import StateEstimate
+from skillcli.tasks.blocks.settings import BlocksTask
 from skillcli.tasks.push.environment import PushEnvironment
 from skillcli.tasks.push.settings import PushTask
 from skillcli.tasks.reach.settings import ReachTask
@@ -126,6 +127,33 @@ def test_a_joint_that_is_stuck_does_not_decide_how_late_the_others_are() -> None
         begun, applied, measured = segment(env, seed)
         known.update(begun, applied, [np.array([*joints[:6], begun[0, 6]]) for joints in measured])
     assert known.latency == 0.0 and (np.abs(known.sag) <= env.arms.largest_sag).all()
+
+
+def test_the_width_between_fingers_is_replayed_too() -> None:
+    task = BlocksTask(grasped_starts=False)
+    env, known = blocks_env(task, 1, 1), Identification(world(task))
+    begun = env.estimate_state().state
+    env.step(np.array([[0.0] * 7 + [-0.5]]))
+    known.update(begun, [env.applied[0].copy()], [env.estimate_state().state[0, :7]])
+    assert known._robots is not None
+    np.testing.assert_allclose(known._robots.arms.fingers.commanded, env.arms.fingers.commanded[0], atol=1e-6)
+    assert env.arms.fingers.commanded[0] < env.arms.fingers.widest - 0.005
+
+
+# --- what a search tries on the way -------------------------------------------------------------------------------------
+
+
+def test_the_maps_latent_of_the_goal_is_offered_while_planning_again() -> None:
+    offered = {}
+    for share in (0.0, 0.5):
+        recipe: Recipe = resolve({"name": "r", "task": {"name": "push"}, "mixtures": {"share": share}})
+        library = Joints()
+        library.world = world(recipe.task)
+        library.mean, library.goals, library.names = Joints.mean[:4], library.world.goals, Joints.names[:4]
+        replanner = Replanner(library, recipe, "search")  # type: ignore[arg-type]
+        inside, outside = np.array([[0.6, 0.0, 0.0], [1.1, 0.0, 0.0]])
+        offered[share] = [replanner._choices(goal[None]).label[4:] for goal in (inside, outside)]  # type: ignore[union-attr]
+    assert offered == {0.0: [(), ()], 0.5: [("map(0.600,0.000,0.000)",), ("map(0.750,0.000,0.000)",)]}, "or the nearest place"
 
 
 # --- limits of the box ------------------------------------------------------------------------------------------------

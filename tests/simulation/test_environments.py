@@ -25,6 +25,12 @@ TASKS: dict[str, Task] = {
     "reach": ReachTask(horizon=12),
     # a tall box right beside the finger, so that random actions push it
     "push": PushTask(horizon=12, box_start=(0.6, 0.05), box_size=(0.06, 0.06, 0.2), observe_place=True),
+    "push, with turns": PushTask(
+        horizon=12,
+        box_start=(0.6, 0.05),
+        box_size=(0.06, 0.06, 0.2),
+        goals=((0.1, 0.0, 0.4), (0.0, 0.1, -0.3), (-0.1, 0.0, 0.2), (0.0, -0.1, 0.0)),
+    ),
     # open fingers around a block, so that random actions move it; every skill begins alike
     "blocks": BlocksTask(
         horizon=12, start=AROUND, grasped_starts=False, goals=CORNERS, names=("carry-1", "carry-2", "carry-3", "carry-4")
@@ -39,7 +45,7 @@ def task(request: pytest.FixtureRequest) -> Task:
 
 
 def test_every_task_is_tested() -> None:
-    assert set(TASKS) == set(DESCRIPTIONS)
+    assert {task.name for task in TASKS.values()} == set(DESCRIPTIONS)
 
 
 def fresh(task: Task, num_envs: int, threads: int = 1) -> Environment:

@@ -42,6 +42,7 @@ REACH_OF_FINGERS = 0.025  # m from the gripper within which the middle of a held
 PRESSING = 0.008  # m by which the command of a hand that holds something leads the width
 LET_GO = 0.025  # m: the opened fingers leave a block this much room
 DOWN = 0.015  # m over the table, below which a block in the hand can be put down
+SUNK, SEEN_LYING = 0.002, 0.015  # m off the height at which it would lie: what its weight does, and what bad sight may do
 AT_HEIGHT = 0.01  # m higher than the goal, a block is down there: it may drop that far
 NEAR = 0.05  # m from the goal, within which a bonus grows
 STEADY, CRUSHED = 5.0, 150.0  # N, downward force of the arm: begins to cost, and crushes a block
@@ -216,10 +217,13 @@ class BlocksEnvironment(ArmEnvironment):
 
     def held(self) -> Array:
         """Return which hands press on a block between the fingers, (N,) bool."""
-        fingers = self.arms.fingers
-        near = np.linalg.norm(self.position(), axis=1) < REACH_OF_FINGERS
-        held: Array = near & (fingers.width - fingers.commanded > PRESSING)
+        held: Array = self._pressing() & (np.linalg.norm(self.position(), axis=1) < REACH_OF_FINGERS)
         return held
+
+    def _pressing(self) -> Array:
+        """Return which fingers press on something between them, (N,) bool."""
+        pressing: Array = self.arms.fingers.width - self.arms.fingers.commanded > PRESSING
+        return pressing
 
     def achieved_goal(self) -> Array:
         """See `Environment`."""
@@ -374,6 +378,32 @@ class BlocksEnvironment(ArmEnvironment):
             relative, gripper, turned = np.split(self._measured[:, self.joints : self.joints + 10], [3, 6], axis=1)
             pose[:, :3], pose[:, 3:] = gripper - relative, turned / np.linalg.norm(turned, axis=1, keepdims=True)
         return poses
+
+    def set_estimated_state(self, ids: Array, state: Array, sag: Array | None = None) -> None:
+        """See `Environment`; a block that fingers press on is between them, and one that seems to lie on something lies there.
+
+        As measured it would be some millimetres inside of a finger, or of the table, and be thrown out.
+        """
+        super().set_estimated_state(ids, state, sag)  # for where the hand is
+        touching = state.copy()
+        poses = touching[:, -self.arms.object_poses.shape[1] :]
+        block = poses[:, self._columns]
+        away = block[:, :3] - self.arms.gripper_position[ids]
+        away -= (away * self.arms.fingers.axis[ids]).sum(axis=1, keepdims=True) * self.arms.fingers.axis[ids]
+        distance = np.linalg.norm(away, axis=1)
+        held = self._pressing()[ids] & (distance < 2 * REACH_OF_FINGERS)
+        away *= np.minimum(1.0, REACH_OF_FINGERS / np.maximum(distance, 1e-9))[:, None]
+        block[held, :3] = (self.arms.gripper_position[ids] + away)[held]
+        lowest = TABLE_TOP + self._half
+        others = np.delete(poses.reshape(len(ids), -1, 7), self.arms.attended, axis=1)
+        beside = np.linalg.norm(others[:, :, :2] - block[:, None, :2], axis=2)
+        over = (beside < self._half) & (others[:, :, 2] < block[:, None, 2])
+        lying = np.maximum(lowest, np.where(over, others[:, :, 2] + 2 * self._half, 0.0).max(axis=1, initial=0.0))
+        off = np.abs(block[:, 2] - lying)
+        lies = ~held & (off > SUNK) & (off < SEEN_LYING) & (np.abs(frames(block[:, 3:])[:, 2]).max(axis=1) > STANDING)
+        block[lies, 2] = lying[lies]
+        block[:, 2] = np.where(held, np.maximum(block[:, 2], lowest), block[:, 2])
+        super().set_estimated_state(ids, touching, sag)
 
     def estimate_achieved_goal(self, object_pose: Array | None) -> Array:
         """See `ArmEnvironment`."""

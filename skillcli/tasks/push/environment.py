@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from skillcli.errors import UsageError
+from skillcli.metrics import yaw
 from skillcli.robots.robot import Robot
 from skillcli.robots.scene import TABLE_TOP
 from skillcli.simulation import rotations, table
@@ -22,10 +23,11 @@ from skillcli.simulation.safety import BOX_TOLERANCE, SOFT_TABLE_TOLERANCE, UPRI
 from skillcli.simulation.settings import ArmTask
 from skillcli.tasks.push.geometry import CONTACT_GAP, climb, place_behind, share
 from skillcli.tasks.push.scene import push_spec
-from skillcli.tasks.push.settings import PushTask
+from skillcli.tasks.push.settings import TURN, PushTask
 
 # Frames of observed terms.
 FROM_OBJECT = f"gripper less the centre of the object, along the axes {BASE}"
+TURNED = ObservationTerm("object_turned", "", 2, "sine and cosine of the heading of the object's x axis, seen from above")
 ON_TABLE = f"centre of the object, x and y {BASE}"
 
 CLEARANCE = 0.01  # m: height above the table below which the finger pays a cost
@@ -51,7 +53,8 @@ class PushEnvironment(ArmEnvironment):
     is not observable.
 
     A goal is a place on the table: the nominal start of the box plus the skill's displacement. The achieved goal is the
-    centre of the box in the plane of the table (z = 0). `reward_terms` explains the shaping, `failed` when a box is lost.
+    centre of the box in the plane of the table (z = 0). Where goals name a turn, the third coordinate of both is the heading of
+    the box, `settings.TURN` m per rad, which is observed too. `reward_terms` explains the shaping, `failed` when a box is lost.
     """
 
     position_term = ObservationTerm("gripper_relative_to_object", "m", 3, FROM_OBJECT)
@@ -97,7 +100,9 @@ class PushEnvironment(ArmEnvironment):
     @classmethod
     def shows(cls, task: ArmTask) -> tuple[ObservationTerm, ...]:
         """See `ArmEnvironment`."""
-        return cls.shown_terms if isinstance(task, PushTask) and task.observe_place else ()
+        if not isinstance(task, PushTask) or not (task.observe_place or task.turns):
+            return ()
+        return (*cls.shown_terms, TURNED) if task.turns else cls.shown_terms
 
     def place_object(self, ids: Array) -> Array:
         """See `ArmEnvironment`; at rest on the table."""
@@ -145,7 +150,11 @@ class PushEnvironment(ArmEnvironment):
         return self.arms.gripper_position - self.arms.object_pose[:, :3]
 
     def shown(self) -> Array:
-        """See `ArmEnvironment`; the estimated place of the box on the table, m."""
+        """See `ArmEnvironment`; the estimated place of the box on the table, m, and where goals name a turn its heading."""
+        if self._task.turns:
+            seen = self.object_seen()
+            heading = yaw(seen[:, 3:])
+            return np.column_stack([seen[:, :2], np.sin(heading), np.cos(heading)])
         if self._sensors is None:
             return self.arms.object_pose[:, :2]
         n = self.action_size
@@ -154,8 +163,12 @@ class PushEnvironment(ArmEnvironment):
 
     def achieved_goal(self) -> Array:
         """See `Environment`."""
-        point = self.arms.object_pose[:, :3].copy()
-        point[:, 2] = 0.0
+        return self._point(self.arms.object_pose)
+
+    def _point(self, pose: Array) -> Array:
+        """Return the achieved goal of poses (N, 7), (N, 3) m."""
+        point = pose[:, :3].copy()
+        point[:, 2] = TURN * yaw(pose[:, 3:]) if self._task.turns else 0.0
         return point
 
     def keypoints(self) -> Array:
@@ -165,7 +178,8 @@ class PushEnvironment(ArmEnvironment):
     def behind(self) -> Array:
         """Return the place from which the finger pushes the box straight to its goal, (N, 3) m; half-way up the box."""
         point: Array = self.arms.object_pose[:, :3].copy()
-        point[:, :2] = place_behind(point[:, :2], self.desired_goal[:, :2], self._half_edges[:, :2])
+        turn = (self.desired_goal[:, 2] - self.achieved_goal()[:, 2]) / TURN
+        point[:, :2] = place_behind(point[:, :2], self.desired_goal[:, :2], self._half_edges[:, :2], turn)
         return point
 
     def reward_terms(self) -> RewardTerms:
@@ -191,7 +205,7 @@ class PushEnvironment(ArmEnvironment):
 
         The step that loses the box earns `LOST` instead.
         """
-        distance = np.linalg.norm(self.desired_goal[:, :2] - self.arms.object_pose[:, :2], axis=1)
+        distance = np.linalg.norm(self.desired_goal - self.achieved_goal(), axis=1)
         finger = np.linalg.norm(self.arms.gripper_position - self.behind(), axis=1) + self._climb()
         inside = np.maximum(0.0, 1.0 - distance / 0.05)
         struck = (self.arms.object_velocity[:, :2] ** 2).sum(axis=1)
@@ -296,9 +310,7 @@ class PushEnvironment(ArmEnvironment):
     def estimate_achieved_goal(self, object_pose: Array | None) -> Array:
         """See `ArmEnvironment`."""
         assert object_pose is not None
-        point = object_pose[:, :3].copy()
-        point[:, 2] = 0.0
-        return point
+        return self._point(object_pose)
 
     def estimate_tilt(self, object_pose: Array | None) -> Array:
         """See `ArmEnvironment`: the tilt of the top face, so that a toppled box counts as upright."""

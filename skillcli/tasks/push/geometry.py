@@ -11,23 +11,29 @@ Array = NDArray[Any]
 
 CONTACT_GAP = 0.015  # m: the radius of the finger's ball, which then nearly touches the box
 OVER_THE_TOP = CONTACT_GAP + 0.02  # m from the top of a box to the middle of a finger that passes over it without touching
+FULL_TURN = 0.3  # rad still to come, from which on a box is pushed as far beside its middle as is useful
+OFF_THE_MIDDLE = 0.7  # of half of an edge: how far beside
 FADE = 0.03  # m from the goal: within it the place counts less and less, because it jumps as the box passes the goal
 
 
-def place_behind(box: Array, goal: Array, half_edges: Array) -> Array:
+def place_behind(box: Array, goal: Array, half_edges: Array, turn: Array | float = 0.0) -> Array:
     """Return the place from which the finger pushes the box straight to its goal, seen from above, (..., 2) m.
 
-    It is opposite the goal, a contact gap outside the box: on the line that touches the box there, square to the push.
+    It is opposite the goal, a contact gap outside the box: on the line that touches the box there, square to the push. A box
+    that has to turn on the way is pushed beside its middle, counter-clockwise on the right side.
 
     Args:
         box: (..., 2) m, its centre.
         goal: (..., 2) m.
         half_edges: (..., 2) m, half of its edges along x and y. The orientation of the box is ignored.
+        turn: (...,) rad, still to come.
     """
     gap = goal - box
     direction = gap / np.maximum(np.linalg.norm(gap, axis=-1, keepdims=True), 1e-6)
     extent = np.sum(np.abs(direction) * half_edges, axis=-1, keepdims=True)  # the support function of the rectangle
-    place: Array = box - (extent + CONTACT_GAP) * direction
+    share_of_turn = np.clip(np.asarray(turn) / FULL_TURN, -1.0, 1.0)[..., None]
+    to_the_right = share_of_turn * OFF_THE_MIDDLE * half_edges.min(axis=-1, keepdims=True)
+    place: Array = box - (extent + CONTACT_GAP) * direction + to_the_right * direction[..., ::-1] * [1.0, -1.0]
     return place
 
 

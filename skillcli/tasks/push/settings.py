@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from skillcli.config.base import Vector3, optional_value, value
 from skillcli.simulation.settings import MAX_SKILLS, ArmTask
+
+# m per rad: of a goal that names a turn, 10 degrees count as much as 3 cm, the pair by which pushes are judged in the field.
+TURN = 0.03 / math.radians(10)
+MOST_TURN = 2.0  # rad: farther, the way round the other side would be as short
 
 
 class PushTask(ArmTask):
     """The arm's finger pushes a box over the table; one skill per displacement."""
 
     name: Literal["push"] = value("push", "which task", "")
-    goals: tuple[tuple[float, float], ...] = value(
+    goals: tuple[Annotated[tuple[float, ...], Field(min_length=2, max_length=3)], ...] = value(
         ((0.15, 0), (-0.15, 0), (0, 0.15), (0, -0.15)),
-        "where the box of each skill should end, as seen from its nominal start", "m", min_length=1,
-        max_length=MAX_SKILLS,
+        "where the box of each skill should end, as seen from its nominal start; a third number is how far it should be turned"
+        " there, in rad, counter-clockwise as seen from above: 10 degrees count as much as 3 cm",
+        "m", min_length=1, max_length=MAX_SKILLS,
     )  # fmt: skip
     names: tuple[str, ...] = value(
         ("up", "down", "left", "right"), "names of the skills; numbers from 1 where there are none", ""
@@ -51,6 +57,19 @@ class PushTask(ArmTask):
     def _other_goals_have_no_names(cls, given: Any) -> Any:
         """Drop the default names if the goals are not the default ones."""
         return {"names": (), **given} if isinstance(given, Mapping) and "goals" in given else given
+
+    @model_validator(mode="after")
+    def _goals_are_alike(self) -> PushTask:
+        if len({len(goal) for goal in self.goals}) > 1:
+            raise ValueError("goals name x and y, or x, y and a turn, all of them alike")
+        if any(abs(goal[2]) > MOST_TURN for goal in self.goals if len(goal) == 3):
+            raise ValueError(f"a box may be turned by up to {MOST_TURN:g} rad to either side")
+        return self
+
+    @property
+    def turns(self) -> bool:
+        """Whether goals name how far the box should be turned."""
+        return len(self.goals[0]) == 3
 
     @model_validator(mode="after")
     def _box_fits(self) -> PushTask:

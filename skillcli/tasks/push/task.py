@@ -6,11 +6,12 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from skillcli.errors import UsageError
 from skillcli.robots.robot import Robot
 from skillcli.tasks.goals import check_in_reach
 from skillcli.tasks.on_table import check_goal_on_table, check_start_on_table
 from skillcli.tasks.push.cost_to_go import BoxCostToGo
-from skillcli.tasks.push.settings import PushTask
+from skillcli.tasks.push.settings import MOST_TURN, TURN, PushTask
 from skillcli.tasks.spec import FigureSettings, Route, TaskEnvironment, TaskSpec
 from skillcli.trajectories import Array
 
@@ -22,14 +23,18 @@ def _environment() -> TaskEnvironment:
 
 
 def _place_goal(task: PushTask, goal: Sequence[float]) -> list[float]:
-    """Convert a displacement of the box to a place, from its nominal start."""
-    return [task.box_start[0] + goal[0], task.box_start[1] + goal[1], 0.0]
+    """Convert a displacement of the box to a place, from its nominal start; a turn becomes the third coordinate, see `TURN`."""
+    return [task.box_start[0] + goal[0], task.box_start[1] + goal[1], TURN * goal[2] if task.turns else 0.0]
 
 
 def _check_goal(task: PushTask, robot: Robot, goal: Array) -> None:
     hint = "displacements lie between {low} and {high} m"
     check_goal_on_table("displacement", "box", goal[:2], _margin(task), hint, task.box_start)
-    check_in_reach(task, robot, goal)
+    check_in_reach(task, robot, goal * [1.0, 1.0, 0.0])
+    if abs(goal[2]) > TURN * MOST_TURN:
+        raise UsageError(
+            f"a turn of {goal[2] / TURN:g} rad is too far", f"a box may be turned by up to {MOST_TURN:g} rad to either side"
+        )
 
 
 def _check_start(task: PushTask, low: float, high: float) -> None:

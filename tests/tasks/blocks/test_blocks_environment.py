@@ -252,3 +252,45 @@ def test_a_block_that_is_carried_lies_in_the_hand_whatever_the_posture() -> None
     np.testing.assert_allclose(up_of_block, -env.arms.gripper_direction, atol=1e-5)
     drive(env, STILL, 20)
     assert env.held().all() and (np.abs(env.arms.object_velocity) < 1e-2).all()
+
+
+NOISE = {"joint_noise": 0.005, "position_noise": 0.004}
+
+
+def believed(skill: int, progress: float = 0.0, task: BlocksTask = TASK) -> tuple[BlocksEnvironment, BlocksEnvironment]:
+    """Eight hands and blocks, and the same as noisy sensors tell, both half a second later."""
+    count, rng = 8, np.random.default_rng(5)
+    true, told = begun(np.full(count, skill), progress, task=task), blocks_env(task, count, 1)
+    noise = {name: np.full(count, value) for name, value in NOISE.items()}
+    true.randomize({**noise, "start_progress": np.full(count, progress)}, rng)
+    true.reset(np.arange(count), np.full(count, skill))
+    told.set_estimated_state(np.arange(count), true.estimate_state().state)
+    for env in (true, told):
+        drive(env, STILL, 10)
+    return true, told
+
+
+def test_a_held_block_that_is_seen_beside_the_fingers_is_still_held() -> None:
+    true, told = believed(CARRY)
+    assert true.held().all() and told.held().all() and not told.failed().any()
+    assert np.abs(told.position() - true.position()).max() < 0.02
+    along = (told.position() * told.arms.fingers.axis).sum(axis=1)
+    assert np.abs(along).max() < 2e-3, "the fingers are mirrored"
+
+
+def test_a_block_that_is_seen_in_the_table_or_over_it_lies_on_it() -> None:
+    true, told = believed(ABOVE)
+    np.testing.assert_allclose(told.arms.object_pose[:, 2], DOWN, atol=2e-3)
+    np.testing.assert_allclose(told.arms.object_pose[:, :2], true.arms.object_pose[:, :2], atol=0.02)
+
+
+def test_a_block_that_is_seen_near_the_top_of_another_lies_on_it() -> None:
+    task = TASK.model_copy(update={"others": ((0.5, 0.25),)})
+    env, told = begun(np.full(2, ABOVE), task=task), blocks_env(task, 2, 1)
+    on_top = np.array([0.505, 0.245, 3 * DOWN])
+    for number, off in enumerate((0.008, -0.008)):
+        env.arms.object_pose[number, :3] = on_top + np.array([0.0, 0.0, off])
+    told.set_estimated_state(np.arange(2), env.estimate_state().state)
+    np.testing.assert_allclose(told.arms.object_pose[:, :3], [on_top] * 2, atol=1e-6)
+    drive(told, STILL, 10)
+    np.testing.assert_allclose(told.arms.object_pose[:, :3], [on_top] * 2, atol=4e-3)

@@ -8,14 +8,15 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from worlds import SAWYER, push_env
+from worlds import SAWYER, push_env, world
 
 from skillcli.errors import UsageError
-from skillcli.recipe import load_recipe
+from skillcli.recipe import load_recipe, resolve
 from skillcli.simulation.arms import ArmBatch
+from skillcli.simulation.rotations import upright
 from skillcli.simulation.table import turned
 from skillcli.tasks.push.environment import LOST, PushEnvironment
-from skillcli.tasks.push.settings import PushTask
+from skillcli.tasks.push.settings import TURN, PushTask
 from skillcli.trajectories import Array
 
 TASK = PushTask()
@@ -524,3 +525,64 @@ def test_a_finger_that_leans_costs_only_where_that_is_asked_for() -> None:
         expected = -0.5 * max(0.0, np.cos(np.radians(30)) - np.cos(angle))
         assert env.step(np.zeros((1, 7))).reward_terms["leaning"][0] == pytest.approx(expected, abs=0.02)
     assert "leaning" not in push_env(TASK, 1).reward_names
+
+
+TURNING = PushTask(goals=((0.1, 0.0, 0.5), (0.1, 0.0, -0.5)))
+
+
+def turning() -> PushEnvironment:
+    """A box that should turn to the left, and one to the right."""
+    env = push_env(TURNING, 2)
+    env.reset(everyone(env), np.array([0, 1]))
+    return env
+
+
+def test_a_turn_is_the_third_coordinate_of_a_goal_and_ten_degrees_count_as_three_centimetres() -> None:
+    env = turning()
+    np.testing.assert_allclose(env.goals, [[0.7, 0.0, 0.5 * TURN], [0.7, 0.0, -0.5 * TURN]])
+    assert np.radians(10) * TURN == pytest.approx(0.03)
+    env.arms.object_pose[:, 3:] = upright(np.array([0.5, -0.5 + np.radians(10)]))
+    env.arms.object_pose[:, 0] = 0.7
+    np.testing.assert_allclose(env.desired_goal - env.achieved_goal(), [[0, 0, 0], [0, 0, -0.03]], atol=1e-12)
+    headings = np.arctan2(*env.observe()[:, -2:].T)
+    np.testing.assert_allclose(headings, [0.5, -0.5 + np.radians(10)], atol=1e-6)
+
+
+def test_the_finger_is_led_beside_the_middle_of_a_box_that_has_to_turn() -> None:
+    env = turning()
+    np.testing.assert_allclose(env.behind()[:, 1], [-0.021, 0.021], atol=1e-9)
+    env.arms.object_pose[:, 3:] = upright(np.array([0.5, -0.5]))
+    np.testing.assert_allclose(env.behind()[:, 1], 0.0, atol=1e-9)
+
+
+def test_a_noisy_camera_sees_where_a_box_points_as_well_as_where_it_is() -> None:
+    env = push_env(TURNING, 400)
+    env.randomize({"position_noise": np.full(400, 0.003)}, np.random.default_rng(0))
+    env.reset(everyone(env), np.zeros(400, dtype=int))
+    seen = env.observe()
+    headings, told = np.arctan2(*seen[:, -2:].T), env.estimate_state().achieved_goal[:, 2] / TURN
+    for angle in (headings, told):
+        assert 0.03 < angle.std() < 0.12, "millimetres over half an edge"
+
+
+@pytest.mark.parametrize(
+    ("goals", "said"),
+    [
+        ([[0.1, 0.0, 0.4], [0.1, 0.0]], "all of them alike"),
+        ([[0.1, 0.0, 2.5]], "up to 2 rad"),
+        ([[0.1]], "task.goals"),
+        ([[0.1, 0.0, 0.4, 0.0]], "task.goals"),
+    ],
+)
+def test_goals_that_are_neither_places_nor_turns_are_refused(goals: list[list[float]], said: str) -> None:
+    with pytest.raises(UsageError, match=said):
+        resolve({"name": "t", "task": {"name": "push", "goals": goals}})
+
+
+def test_a_goal_may_turn_a_box_to_either_side_but_not_round() -> None:
+    both = world(TURNING)
+    both.check_goal(np.array(both.place_goal([0.1, 0.1, -1.9])))
+    with pytest.raises(UsageError, match=r"2\.1 rad is too far"):
+        both.check_goal(np.array(both.place_goal([0.1, 0.1, 2.1])))
+    with pytest.raises(UsageError, match="3 numbers, got 2"):
+        both.place_goal([0.1, 0.1])

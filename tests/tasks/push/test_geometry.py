@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -29,11 +31,21 @@ def test_the_finger_stands_on_the_far_side_outside_the_face_it_pushes(
     np.testing.assert_allclose(place - box, -distance * np.array(goal) / np.hypot(*goal), atol=1e-12)
 
 
+def test_a_box_that_has_to_turn_is_pushed_beside_its_middle() -> None:
+    ahead, turns = np.array([0.2, 0.0]), np.array([0.15, 0.3, 1.0, -0.3])
+    place = place_behind(np.zeros((4, 2)), np.tile(ahead, (4, 1)), SQUARE, turns)
+    np.testing.assert_allclose(place, [[-0.045, y] for y in (-0.0105, -0.021, -0.021, 0.021)], atol=1e-12)
+    for angle in (1.0, 2.5):
+        turned = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        beside = place_behind(np.zeros(2), turned @ ahead, SQUARE, 0.3) - place_behind(np.zeros(2), turned @ ahead, SQUARE)
+        np.testing.assert_allclose(beside, turned @ [0.0, -0.021], atol=1e-12)
+
+
 def test_its_ball_never_overlaps_the_box_wherever_the_goal_is() -> None:
     angle = np.linspace(0, 2 * np.pi, 181)
     goal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    for half_edges in (SQUARE, PLANK):
-        outside = np.abs(place_behind(np.zeros((181, 2)), goal, half_edges)) - half_edges
+    for half_edges, turn in product((SQUARE, PLANK), (0.0, 0.1, -3.0)):
+        outside = np.abs(place_behind(np.zeros((181, 2)), goal, half_edges, turn)) - half_edges
         gap = np.linalg.norm(np.maximum(outside, 0), axis=1)
         assert gap.min() >= CONTACT_GAP - 1e-12 and gap.min() == pytest.approx(CONTACT_GAP)
 
