@@ -76,6 +76,9 @@ def test_the_scene_can_be_set_and_other_keys_of_the_task_cannot(store: Path) -> 
     assert Store(store).read(ArtifactId("set", "compose", 1)).recipe["task"]["others"] == [[0.55, 0.1]]
     result = skill(*words, "--set", "task.others=[[9, 9]]")
     assert result.code == 2 and "a block of task.others at (9, 9) starts off the table" in result.err
+    for others in ("[[0.53, 0.03]]", "[[0.6, 0.1], [0.6, 0.15]]"):
+        result = skill(*words, "--set", f"task.others={others}")
+        assert result.code == 2 and "may overlap with another one" in result.err
     result = skill(*words, "--set", "task.block_mass=0.2")
     assert result.code == 2 and "were trained on another recipe" in result.err
     result = skill("--store", store, "transfer-eval", "set/compose", "--set", "task.others=[[0.45, 0.1]]")

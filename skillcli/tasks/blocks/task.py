@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import random
 from typing import Any
 
 import numpy as np
 
+from skillcli.errors import UsageError
 from skillcli.robots.robot import Robot
 from skillcli.tasks.blocks.cost_to_go import BlockCostToGo
 from skillcli.tasks.blocks.settings import BlocksTask
-from skillcli.tasks.goals import as_typed, check_in_reach
+from skillcli.tasks.goals import as_typed, check_in_reach, listed
 from skillcli.tasks.on_table import check_goal_on_table, check_start_on_table
 from skillcli.tasks.spec import FigureSettings, Route, TaskEnvironment, TaskSpec
 from skillcli.trajectories import Array
@@ -27,17 +29,27 @@ def _environment() -> TaskEnvironment:
 def _check_goal(task: BlocksTask, robot: Robot, goal: Array) -> None:
     check_goal_on_table("goal", "block", goal[:2], _margin(task), "there is room for it at {low} .. {high} m")
     check_in_reach(task, robot, goal)
-    _check_others(task)
+    _check_others(task, 0.0, 0.0)
 
 
 def _check_start(task: BlocksTask, low: float, high: float) -> None:
     check_start_on_table("a block at task.block_start", task.block_start, _margin(task), low, high)
-    _check_others(task)
+    _check_others(task, low, high)
 
 
-def _check_others(task: BlocksTask) -> None:
+def _check_others(task: BlocksTask, low: float, high: float) -> None:
+    """Refuse further blocks off the table, or where blocks could overlap when the first one is moved `low` to `high` m."""
+    blocks = [(np.add(task.block_start, low), np.add(task.block_start, high))]
     for place in task.others:
         check_start_on_table("a block of task.others at", place, _margin(task), 0.0, 0.0)
+        here = np.array(place)
+        if any(np.linalg.norm(here - np.clip(here, *corners)) < math.sqrt(2) * task.block_size for corners in blocks):
+            raise UsageError(
+                f"the block of task.others at {listed(here)} may overlap with another one",
+                f"leave {math.sqrt(2) * task.block_size:.3f} m, the diagonal of a block, between their middles, wherever"
+                f" the first one begins: {listed(blocks[0][0])} .. {listed(blocks[0][1])} m",
+            )
+        blocks.append((here, here))
 
 
 def _margin(task: BlocksTask) -> float:
