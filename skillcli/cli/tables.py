@@ -86,6 +86,10 @@ def means(artifact: Artifact) -> Group:
     if found.map:
         ends = f"median {_centimetres(found.map.median_m)}, 95 % within {_centimetres(found.map.p95_m)}"
         caption += f"\nmap: {found.map.places} places between the goals, one held latent each, end off by {ends}"
+        if found.map.on_robots:
+            there = found.map.on_robots
+            ends = f"median {_centimetres(there.median_m)}, 95 % within {_centimetres(there.p95_m)}"
+            caption += f"; each on a robot of {there.domain}: {ends}"
     return Group(_title(artifact), table, caption, *_between(found.halfway))
 
 

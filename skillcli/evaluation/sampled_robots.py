@@ -39,10 +39,10 @@ class SampledRobots:
         )
 
     @staticmethod
-    def drawn(domain: str, seed: int, joints: int) -> SampledRobots:
-        """Draw one robot from a domain."""
-        drawn = randomization.sample(find_domain(domain).parameters, 1, generator(seed, f"target {domain}"), joints)
-        return SampledRobots(drawn, 1, seed)
+    def drawn(domain: str, seed: int, joints: int, count: int = 1) -> SampledRobots:
+        """Draw one robot from a domain, or several."""
+        drawn = randomization.sample(find_domain(domain).parameters, count, generator(seed, f"target {domain}"), joints)
+        return SampledRobots(drawn, count, seed)
 
     @staticmethod
     def ensemble(domain: str, count: int, seed: int, joints: int) -> SampledRobots:

@@ -40,6 +40,17 @@ class Halfway(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class MapOnRobots(Record):
+    """The same latents, each held on another robot drawn from a domain."""
+
+    domain: str
+    median_m: float
+    p90_m: float
+    p95_m: float
+    max_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class MapQuality(Record):
     """Places between the goals, each by the one latent that the map gives for it, held: how far from them it ends."""
 
@@ -49,6 +60,7 @@ class MapQuality(Record):
     p95_m: float
     max_m: float
     latent_end_correlation: float | None  # of distances between the latents and between where they end
+    on_robots: MapOnRobots | None = optional(None)  # None: no arm takes part, or an older artifact
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,6 +87,8 @@ def _check(arrays: Mapping[str, Array], results: Mapping[str, Any], sizes: Sizes
     if places > MOST_PLACES:
         yield f"map/place has {places} places, at most {MOST_PLACES} are read"
     yield from all_or_none(arrays, "map/place", "map/latent", "map/end")
+    if ("map/end_on_robots" in arrays) != ("on_robots" in results.get("map", {})):
+        yield "map/end_on_robots and results.map.on_robots are not both there"
     yield from different(arrays, "halfway/pair")
     for skill in results["skills"]:
         yield from counted("a mean in the results", skill["mean"], sizes["latent"])
@@ -97,6 +111,7 @@ EMBED_MEANS = KindSpec(
         "map/place": Field("place,xyz", "m", required=False),
         "map/latent": Field("place,latent", required=False),
         "map/end": Field("place,xyz", "m", required=False),
+        "map/end_on_robots": Field("place,xyz", "m", required=False),
         **EMBEDDING,
         **TRAJECTORIES,
     },

@@ -101,6 +101,8 @@ def _learned(figure: Figure, scene: Scene) -> None:
     below = subplots_time.curve_subplots(scene)[:3]
     if len(scene.map_places):
         below = [partial(subplots_space.map_ends, plane=plane) for plane in subplots_space.planes(scene)]
+        if len(scene.map_ends_on_robots):
+            below.append(partial(subplots_space.map_ends, plane=subplots_space.planes(scene)[0], on_robots=True))
     figure.set_size_inches(10.5, 6.0 if below else 4.2)
     maps, right = _columns(figure, scene)
     for axes, plane in _maps(figure, maps, scene):

@@ -79,6 +79,7 @@ def scene_of(store: Store, artifact_id: ArtifactId) -> Scene:
         curves=artifact.group("curves"),
         map_places=artifact.arrays.get("map/place", np.zeros((0, 3))),
         map_ends=artifact.arrays.get("map/end", np.zeros((0, 3))),
+        map_ends_on_robots=artifact.arrays.get("map/end_on_robots", np.zeros((0, 3))),
         episode_labels=shown.labels,
         intervals=shown.intervals,
         source=shown.source,

@@ -60,6 +60,7 @@ class Scene:
     # Skills trained with mixtures only:
     map_places: Array = field(default_factory=lambda: np.zeros((0, 3)))  # (P, 3) m, between the goals
     map_ends: Array = field(default_factory=lambda: np.zeros((0, 3)))  # (P, 3) m, where the map's latents for them end
+    map_ends_on_robots: Array = field(default_factory=lambda: np.zeros((0, 3)))  # (P, 3) m, each on another robot
     # A transfer only:
     source: Trajectories | None = None  # (R episodes) what was sent, as recorded in the simulation
     episode_source: Array = field(

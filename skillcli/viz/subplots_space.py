@@ -108,9 +108,17 @@ def _between(axes: Axes, scene: Scene, plane: Plane, episodes: list[int]) -> Non
         axes.plot(*np.stack([moved[-1], wanted]).T, color=TARGET, lw=0.4, zorder=2)
 
 
-def map_ends(axes: Axes, scene: Scene, plane: Plane) -> None:
-    """Where the latents of the map end, each joined to the place between the goals that it is for."""
-    wanted, ends = scene.map_places[:, plane], scene.map_ends[:, plane]
+def map_ends(axes: Axes, scene: Scene, plane: Plane, on_robots: bool = False) -> None:
+    """Where the latents of the map end, each joined to the place between the goals that it is for.
+
+    Args:
+        axes: drawn into.
+        scene: with a map.
+        plane: its axes.
+        on_robots: each on another robot, instead of the nominal one.
+    """
+    there = scene.map_ends_on_robots if on_robots else scene.map_ends
+    wanted, ends = scene.map_places[:, plane], there[:, plane]
     axes.add_collection(LineCollection(list(np.stack([wanted, ends], axis=1)), colors=TARGET, linewidths=0.6))
     axes.plot(*ends.T, color=TARGET, ls="none", marker=".", ms=2.5, zorder=3)
     for skill, spot in enumerate(scene.goals[:, plane]):
@@ -118,11 +126,10 @@ def map_ends(axes: Axes, scene: Scene, plane: Plane) -> None:
     axes.margins(0.06)
     axes.set(xlabel=f"{_NAMES[plane[0]]} [m]", ylabel=f"{_NAMES[plane[1]]} [m]", aspect="equal")
     axes.grid(True)
-    off = np.quantile(np.linalg.norm(scene.map_ends - scene.map_places, axis=1), 0.95)
+    off = np.quantile(np.linalg.norm(there - scene.map_places, axis=1), 0.95)
     unit, scale = scene.figure_settings.unit
-    axes.set_title(
-        f"the map: {len(ends)} held latents, 95 % within {scale * off:.1f} {unit}" if plane == (0, 1) else "from the side"
-    )
+    what = "each on another robot" if on_robots else f"the map: {len(ends)} held latents"
+    axes.set_title(f"{what}, 95 % within {scale * off:.1f} {unit}" if plane == (0, 1) else "from the side")
 
 
 def goals(axes: Axes, scene: Scene, plane: Plane) -> None:

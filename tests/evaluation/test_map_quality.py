@@ -50,6 +50,11 @@ def test_embed_means_judges_the_map_of_skills_that_were_trained_with_mixtures(mi
     assert found["map"]["median_m"] == pytest.approx(np.median(distance))
     assert found["map"]["max_m"] == pytest.approx(distance.max())
     assert made("--store", store, "verify", found["id"])["ok"]
+    there = found["map"]["on_robots"]
+    distance = np.linalg.norm(artifact.arrays["map/end_on_robots"] - place, axis=1)
+    assert there["domain"] == "real-like" and there["median_m"] == pytest.approx(np.median(distance))
+    assert there["p90_m"] <= there["p95_m"] <= there["max_m"] == pytest.approx(distance.max())
+    assert not np.allclose(artifact.arrays["map/end_on_robots"], end)
 
 
 @pytest.mark.slow
@@ -57,6 +62,7 @@ def test_the_same_library_is_judged_by_the_same_places(mixed: tuple[Path, dict[s
     store, found = mixed
     again = skill("--store", store, "embed-means", "mixed/pretrain", "--name", "again")
     assert again.code == 0 and f"map: {PLACES} places between the goals" in again.out
+    assert "each on a robot of real-like: median" in again.out
     hashes = [made("--store", store, "show", id_)["content_sha256"] for id_ in (found["id"], "again/embed-means")]
     assert hashes[0] == hashes[1]
 

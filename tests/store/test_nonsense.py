@@ -89,6 +89,11 @@ ARRAYS = [
         "map/place is there without map/latent, map/end",
     ),
     (
+        "embed-means",
+        lambda found: found.update({"map/end_on_robots": np.zeros((1, 3))}),
+        "map/end_on_robots and results.map.on_robots are not both there",
+    ),
+    (
         "compose",
         lambda found: found.update({"calibration/end": np.zeros((1, 1, 3))}),
         "calibration/end is there without calibration/pair, calibration/share",
