@@ -35,6 +35,7 @@ AXES = {
     "joint_position": ("episode,step+1,joint", "rad"),
     "gripper_position": ("episode,step+1,xyz", "m"),
     "object_pose": ("episode,step+1,pose", "m"),
+    "other_poses": ("episode,step+1,other", "m"),
     "finger_position": ("episode,step+1,finger", "m"),
     "position": ("episode,step+1,xy", "m"),
     "judged_position": ("episode,step+1,xyz", "m"),
@@ -64,6 +65,7 @@ class Trajectories:
     joint_position: Array | None = None  # (E, T+1, 7) rad
     gripper_position: Array | None = None  # (E, T+1, 3) m, the gripper site
     object_pose: Array | None = None  # (E, T+1, 7) m, quaternion w x y z
+    other_poses: Array | None = None  # (E, T+1, 7K) m, of K further objects, as `object_pose` one after the other
     finger_position: Array | None = None  # (E, T+1, 2) m, how far each finger of a hand is open
     position: Array | None = None  # (E, T+1, 2) m, the point task
     judged_position: Array | None = None  # (E, T+1, 3) m, the achieved goal, only if it is not the point named above
@@ -81,6 +83,13 @@ class Trajectories:
     def achieved_goal(self) -> Array:
         """Return the path of the achieved goal, (E, T+1, 3) m; box and point are in the plane z = 0."""
         return self.usual_achieved_goal if self.judged_position is None else self.judged_position
+
+    @property
+    def object_poses(self) -> Array | None:
+        """Return the poses of all objects, (E, T+1, 7K) m; None without one."""
+        if self.object_pose is None or self.other_poses is None:
+            return self.object_pose
+        return np.concatenate([self.object_pose, self.other_poses], axis=-1)
 
     @property
     def usual_achieved_goal(self) -> Array:
@@ -198,6 +207,7 @@ _PER_STEP = (
     "joint_position",
     "gripper_position",
     "object_pose",
+    "other_poses",
     "finger_position",
     "position",
     "judged_position",

@@ -6,12 +6,13 @@ one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, Protocol
 
 import numpy as np
 
+from skillcli.composition.plan import Segment
 from skillcli.trajectories import SAFETY_LIMITS, Array
 
 Act = Callable[[Array, Array], Array]  # observations (N, o) and latents (N, d) to actions (N, a)
@@ -83,6 +84,13 @@ class LatentEnvironment:
         self._env.restore(first, sim_state.reshape(self.robots, -1))
         seen: Array = self._env.observe()[first]
         return seen
+
+    def follow(self, state: tuple[Array, Array], plan: Sequence[Segment]) -> tuple[Array, Array]:
+        """Return state (S,) and keypoints (M, L, 3) m at the end of held latents that begin in such a state."""
+        for segment in plan:
+            outcome = self.hold(state[0][None], segment.latent[None], segment.steps)
+            state = outcome.sim_states[0], outcome.path[0, :, -1]
+        return state
 
     def hold(self, sim_states: Array, latent: Array, steps: int) -> Outcome:
         """Hold latents (n, d) from states (n, S) for some control steps; n may exceed the number of slots."""

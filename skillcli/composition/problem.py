@@ -56,6 +56,7 @@ class PlanningProblem:
     ]  # latents (n, d) held for an episode and targets (n, 3) m, to its ends (n, 3) m
     cost_to_go: CostToGo = STRAIGHT
     entries: tuple[Entry, ...] = ()  # entries of a written plan
+    one_by_one: bool = False  # whether each waypoint is about another object, and planned for from where the last one was met
     mixtures: bool = False  # whether mixtures of the skills were trained
     aims: tuple[Array, ...] = ()  # (3,) m, places between the goals whose latents on the map may help
     handed_over: Mapping[str, MethodSettings] = field(default_factory=dict)  # settings of methods that may plan instead
@@ -72,6 +73,11 @@ class PlanningProblem:
     def goal_map(self) -> GoalMap:
         """Return the latents of places between the goals."""
         return GoalMap.of(self.goals, self.mean, self.mixing)
+
+    @property
+    def legs(self) -> list[Array]:
+        """Return the waypoints to plan for at once, (W, 3) m each."""
+        return list(self.waypoints[:, None]) if self.one_by_one else [self.waypoints]
 
     @property
     def route(self) -> Route:

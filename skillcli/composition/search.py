@@ -139,9 +139,9 @@ def choices_of(problem: PlanningProblem) -> Choices:
 
 def search_from(
     problem: PlanningProblem, sim_state: Array, keypoints: Array, waypoints: Array, choices: Choices, budget: int,
-    barred: Collection[int] = (),
+    barred: Collection[int] = (), begun: int = 0,
 ) -> UniformCostSearch:  # fmt: skip
-    """Make a search from a state (S,) with keypoints (M, L, 3) m to waypoints (W, 3) m."""
+    """Make a search from a state (S,) with keypoints (M, L, 3) m, after `begun` control steps, to waypoints (W, 3) m."""
     settings = problem.settings_as(SearchSettings)
     return UniformCostSearch(
         sim_state,
@@ -161,6 +161,7 @@ def search_from(
             budget=budget,
         ),
         barred,
+        begun,
     )
 
 
@@ -168,14 +169,19 @@ def plan(problem: PlanningProblem) -> PlanResult:
     """Find the cheapest plan within the budget."""
     settings, choices = problem.settings_as(SearchSettings), choices_of(problem)
     world = problem.make_world(settings.batch * len(choices.latent))
-    search = search_from(problem, *world.start(), problem.waypoints, choices, settings.budget)
-    planner = Expansions(search, settings.batch)
-    problem.run(planner, world, "nodes")
-    segments = planner.plan()
+    state, segments, expanded, replayed = world.start(), list[Segment](), 0, 0.0
+    for number, leg in enumerate(problem.legs, 1):
+        search = search_from(problem, *state, leg, choices, settings.budget, begun=sum(each.steps for each in segments))
+        planner = Expansions(search, settings.batch)
+        problem.run(planner, world, "nodes")
+        expanded, replayed = expanded + search.expanded, replayed + planner.replayed
+        segments += planner.plan()
+        if number < len(problem.legs):
+            state = world.follow(state, planner.plan())
     if not segments:  # already there, or no waypoint: hold the first skill for the shortest time
-        segments = [Segment(choices.latent[0], 0, choices.label[0], search.settings.durations[0])]
-    spent, replayed = world.control_steps * problem.period, planner.replayed * problem.robots * problem.period
-    return PlanResult(segments, search.expanded, spent, replayed)
+        segments = [Segment(choices.latent[0], 0, choices.label[0], min(map(problem.steps, settings.segments)))]
+    scale = problem.robots * problem.period
+    return PlanResult(segments, expanded, world.control_steps * problem.period, replayed * scale)
 
 
 HEURISTICS = {

@@ -61,6 +61,7 @@ class UniformCostSearch:
         choices: latents.
         settings: see `SearchSetup`.
         barred: choices that must not come first.
+        begun: control steps from the start of the plan to the root.
     """
 
     def __init__(
@@ -71,11 +72,12 @@ class UniformCostSearch:
         choices: Choices,
         settings: SearchSetup,
         barred: Collection[int] = (),
+        begun: int = 0,
     ) -> None:
         self._barred = barred
         self.waypoints, self.choices, self.settings = waypoints, choices, settings
         self._route = Route(waypoints, settings.tolerance, settings.cost_to_go)
-        start = Node(None, -1, 0, 0.0, np.zeros(len(keypoints), dtype=int), keypoints, root, 0.0)
+        start = Node(None, -1, 0, float(begun), np.zeros(len(keypoints), dtype=int), keypoints, root, 0.0)
         self._order = itertools.count()
         self._open: list[tuple[float, int, Node]] = [(self._priority(start), next(self._order), start)]
         self._cheapest: dict[tuple[int, ...], float] = {self._cell(start): start.cost}

@@ -104,7 +104,7 @@ def trained_part(artifact: Artifact) -> Recipe:
 
 
 def are_same_skills(one: Recipe, other: Recipe) -> bool:
-    """Return whether two recipes train the same skills; what else is there in their scenes may differ."""
+    """Return whether two recipes train the same skills; what else is there in their scenes, and the judge, may differ."""
     return one.fingerprint(TRAINED) == other.in_scene(one.task).fingerprint(TRAINED)
 
 
@@ -161,6 +161,8 @@ def _recording(recipe: Recipe, arrays: Arrays) -> Iterator[str]:
         "action": (*skill.shape, action),
         **{field: (len(skill), steps + 1, size) for field, size in places.items()},
     }
+    if "trajectories/other_poses" in arrays:  # recordings of before have none
+        wanted["other_poses"] = (len(skill), steps + 1, 7 * len(getattr(task, "others", ())))
     for field, shape in wanted.items():
         found = arrays.get(f"trajectories/{field}")
         if found is None or found.shape != shape:

@@ -67,6 +67,7 @@ def problem_of(
         hold_to_end=hold_to_end,
         cost_to_go=cost_to_go(task) or STRAIGHT,
         entries=entries,
+        one_by_one=task.one_by_one,
         mixtures=recipe.mixtures.share > 0,
         aims=aims_of(library, waypoints),
         handed_over={name: recipe.settings_of(name) for name in method_spec(method).sections[1:]},

@@ -17,7 +17,7 @@ from skillcli.tasks.world import World
 from skillcli.trajectories import AXES, Array, Trajectories
 
 EXTRA = "install it: pip install 'skillcli[minari]'"
-STATES = ("joint_position", "gripper_position", "object_pose", "finger_position", "position")
+STATES = ("joint_position", "gripper_position", "object_pose", "other_poses", "finger_position", "position")
 PARTS = {"xyz": ("x", "y", "z"), "xy": ("x", "y"), "pose": ("x", "y", "z", "qw", "qx", "qy", "qz")}
 
 

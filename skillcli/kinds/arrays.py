@@ -28,6 +28,7 @@ TRAJECTORIES = {
     "trajectories/unstable": Field(*AXES["unstable"], required=False, values=TRUTH),
     "trajectories/gave_up": Field(*AXES["gave_up"], required=False, values=TRUTH),
     "trajectories/judged_position": Field(*AXES["judged_position"], required=False),
+    "trajectories/other_poses": Field(*AXES["other_poses"], required=False),
     **POSITIONS,
 }
 """Recorded episodes."""

@@ -103,8 +103,9 @@ class ArmBatch:
         self._site = self.batch.bind("site_xpos")[:, model.site(GRIPPER).id]
         self._site_axes = self.batch.bind("site_xmat")[:, model.site(GRIPPER).id]
         self.objects = object_names(model)
+        self.attended = np.zeros(num_envs, dtype=np.int64)  # of several objects the one that pose and velocity are of
         if self.objects:
-            self.attend(0)
+            self._first_object = model.joint(self.objects[0])
         if any(model.sensor(k).name == CONTACT_FORCE for k in range(model.nsensor)):
             first = model.sensor(CONTACT_FORCE).adr[0]
             self._contact_force = slice(first, first + 3)
@@ -170,31 +171,34 @@ class ArmBatch:
         direction: Array = self._site_axes.reshape(-1, 3, 3)[:, :, 2]
         return direction
 
-    def attend(self, index: int) -> None:
-        """Choose the object, of several, that pose and velocity are of from now on."""
-        joint = self.model.joint(self.objects[index])
-        self.attended = index
-        self._object_qpos = slice(joint.qposadr[0], joint.qposadr[0] + 7)
-        self._object_qvel = slice(joint.dofadr[0], joint.dofadr[0] + 6)
+    def of_attended(self, values: Array, ids: Array | slice = slice(None)) -> Array:
+        """Return the part of values (n, wK) of K objects that is of the one attended in these simulations, (n, w).
+
+        It is a view where all attend to the first.
+        """
+        width, attended = values.shape[1] // len(self.objects), self.attended[ids]
+        if not attended.any():
+            return values[:, :width]
+        part: Array = values[np.arange(len(values))[:, None], width * attended[:, None] + np.arange(width)]
+        return part
 
     @property
     def object_poses(self) -> Array:
         """Return the poses of all objects, one after the other, (N, 7K) m and w x y z; a live view."""
-        first = self.model.joint(self.objects[0]).qposadr[0]
+        first = self._first_object.qposadr[0]
         poses: Array = self._qpos[:, first : first + 7 * len(self.objects)]
         return poses
 
     @property
     def object_pose(self) -> Array:
-        """Return the pose of the object in the base frame, (N, 7) m and w x y z; a live view."""
-        pose: Array = self._qpos[:, self._object_qpos]
-        return pose
+        """Return the pose of the attended object in the base frame, (N, 7) m and w x y z; see `of_attended`."""
+        return self.of_attended(self.object_poses)
 
     @property
     def object_velocity(self) -> Array:
-        """Return the object's velocity, linear in the base frame and angular in its own, (N, 6) m/s and rad/s; a live view."""
-        velocity: Array = self._qvel[:, self._object_qvel]
-        return velocity
+        """Return its velocity, linear in the base frame and angular in its own, (N, 6) m/s and rad/s; see `of_attended`."""
+        first = self._first_object.dofadr[0]
+        return self.of_attended(self._qvel[:, first : first + 6 * len(self.objects)])
 
     @property
     def contact_force(self) -> Array:

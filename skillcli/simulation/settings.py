@@ -17,6 +17,8 @@ class TaskSettings(Section):
 
     SCENE: ClassVar[tuple[str, ...]] = ()
     """Keys that say what else is there: a plan may change them, since skills do not see it."""
+    JUDGED: ClassVar[tuple[str, ...]] = ("tolerance",)
+    """Keys that say how episodes are judged: a plan and its evaluation may change them."""
 
     module: str = optional_value("", "a Python file that holds the task, beside the recipe; empty for one that comes along")
     source_sha256: str = optional_value("", "of that file, filled in")
@@ -41,6 +43,11 @@ class TaskSettings(Section):
     def action_scale(self) -> float:
         """Size of an action of one, in the unit of the action: rad for an arm."""
         raise NotImplementedError
+
+    @property
+    def one_by_one(self) -> bool:
+        """Whether each waypoint of a plan is about another object, and is planned for from where the last one was met."""
+        return False
 
     @property
     def mixing(self) -> tuple[int, ...]:

@@ -213,7 +213,9 @@ def place_goal(task: TaskSettings, goal: Sequence[float]) -> list[float]:
     """
     wanted, spec = len(task.goals[0]), find_task(task.name)  # every goal of a recipe is typed with as many numbers
     if len(goal) != wanted:
+        usual = spec.example.count(",") + 1 == wanted
+        example = spec.example if usual else typed(np.array(task.goals[0]))
         raise UsageError(
-            f"a goal of the {task.name} task has {wanted} numbers, got {len(goal)}", f"for example --goal {spec.example}"
+            f"a goal of these {task.name} skills has {wanted} numbers, got {len(goal)}", f"for example --goal={example}"
         )
     return spec.place_goal(task, goal)

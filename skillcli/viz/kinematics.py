@@ -101,17 +101,17 @@ def body_poses(
     model: mujoco.MjModel,
     joints: tuple[str, ...],
     joint_position: Array,
-    object_pose: Array | None = None,
+    object_poses: Array | None = None,
     fingers: tuple[str, ...] = (),
     finger_position: Array | None = None,
 ) -> tuple[Array, Array]:
     """Compute the poses of all bodies for a sequence of arm postures.
 
     Args:
-        model: of the scene, with a free joint `box` if there is an object pose.
+        model: of the scene, with a free joint `box` if there are object poses, and those of further objects behind it.
         joints: names of the arm's joints in the model.
         joint_position: (n, joints) rad.
-        object_pose: (n, 7) m and w x y z, or None.
+        object_poses: (n, 7K) m and w x y z of K objects, or None.
         fingers: names of the slide joints of a hand.
         finger_position: (n, 2) m, how far each is open; None leaves them closed.
 
@@ -121,15 +121,15 @@ def body_poses(
     data = mujoco.MjData(model)
     arm = [_address(model, name) for name in joints]
     slides = [] if finger_position is None else [_address(model, name) for name in fingers]
-    box = 0 if object_pose is None else _address(model, BOX_JOINT)
+    box = 0 if object_poses is None else _address(model, BOX_JOINT)
     positions = np.empty((len(joint_position), model.nbody, 3))
     quaternions = np.empty((len(joint_position), model.nbody, 4))
     for row, posture in enumerate(joint_position):
         data.qpos[arm] = posture
         if finger_position is not None and slides:
             data.qpos[slides] = finger_position[row]
-        if object_pose is not None:
-            data.qpos[box : box + 7] = object_pose[row]
+        if object_poses is not None:
+            data.qpos[box : box + object_poses.shape[1]] = object_poses[row]
         mujoco.mj_kinematics(model, data)
         positions[row], quaternions[row] = data.xpos, xyzw(data.xquat)
     return positions, quaternions

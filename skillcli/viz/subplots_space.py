@@ -128,8 +128,8 @@ def map_ends(axes: Axes, scene: Scene, plane: Plane, on_robots: bool = False) ->
     axes.grid(True)
     off = np.quantile(np.linalg.norm(there - scene.map_places, axis=1), 0.95)
     unit, scale = scene.figure_settings.unit
-    what = "each on another robot" if on_robots else f"the map: {len(ends)} held latents"
-    axes.set_title(f"{what}, 95 % within {scale * off:.1f} {unit}" if plane == (0, 1) else "from the side")
+    what = "robots" if on_robots else "map"
+    axes.set_title(f"{what}, 95 %: {scale * off:.1f} {unit}" if plane == (0, 1) else "from the side")
 
 
 def goals(axes: Axes, scene: Scene, plane: Plane) -> None:

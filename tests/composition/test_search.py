@@ -7,14 +7,16 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from skillcli.composition.latent_environment import Outcome
+from skillcli.composition.latent_environment import LatentEnvironment, Outcome
 from skillcli.composition.plan import Choices
 from skillcli.composition.planner import run
-from skillcli.composition.search import Expansions
+from skillcli.composition.problem import PlanningProblem
+from skillcli.composition.search import Expansions, SearchSettings, plan
 from skillcli.composition.uniform_cost import Node, SearchSetup, UniformCostSearch
 from skillcli.tasks.push.cost_to_go import BoxCostToGo
 from skillcli.trajectories import Array
@@ -315,3 +317,41 @@ def test_a_box_is_pushed_round_a_corner_and_the_approach_saves_most_of_the_work(
         assert "".join(segment.label * segment.steps for segment in plan.plan(node)) == "321114122"
         expanded.append(plan.expanded)
     assert expanded[1] < expanded[0] / 2
+
+
+class Two(World):
+    """Two points beside each other in the state; a latent moves the first one until it is at (1, 0, 0), then the other."""
+
+    follow = LatentEnvironment.follow
+
+    def start(self) -> tuple[Array, Array]:
+        return np.array([0.0, 0, 0, 0, 3, 0]), np.zeros((1, 1, 3))
+
+    def hold(self, sim_states: Array, latent: Array, steps: int) -> Outcome:
+        state, path = sim_states, []
+        done = np.linalg.norm(state[:, :3] - [1.0, 0, 0], axis=1, keepdims=True) < 0.1
+        path.append(np.where(done, state[:, 3:], state[:, :3]))
+        for _ in range(steps):
+            moved = np.concatenate([np.where(done, 0.0, latent), np.where(done, latent, 0.0)], axis=1)
+            state = state + moved
+            path.append(np.where(done, state[:, 3:], state[:, :3]))
+            done = np.linalg.norm(state[:, :3] - [1.0, 0, 0], axis=1, keepdims=True) < 0.1
+        self.control_steps += steps * len(state)
+        return Outcome(np.stack(path, axis=1)[:, None, :, None], np.zeros((len(state), 1), dtype=bool), state)
+
+
+def test_waypoints_of_several_objects_are_planned_for_one_after_the_other() -> None:
+    world: Any = Two()
+    settings = SearchSettings(
+        segments=(1.0,), goal_tolerance=0.1, resolution=0.5, max_speed=1.0, weight=20.0, batch=1, budget=60
+    )
+    found = plan(
+        PlanningProblem(
+            settings=settings, names=("right", "up", "left", "down"), mean=np.array(COMPASS), std=np.ones((4, 3)),
+            goals=np.array(COMPASS), mixing=(), waypoints=np.array([[1.0, 0, 0], [1.0, 1.0, 0]]), tolerance=0.1, period=1.0,
+            horizon=9, make_world=lambda _: world, hold_to_end=lambda latent, _: latent, one_by_one=True,
+        )
+    )  # fmt: skip
+    held = [segment.label for segment in found.segments for _ in range(segment.steps)]
+    assert held[0] == "right" and sorted(held[1:]) == ["down", "down", "right"], "the second point begins at (0, 3, 0)"
+    assert found.replayed_seconds > 4, "to try a second leg, a robot has to go the first one again"

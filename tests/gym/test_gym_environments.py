@@ -117,7 +117,7 @@ def test_episodes_that_end_apart_are_reset_apart() -> None:
 def test_a_failure_terminates_and_is_no_time_out() -> None:
     env = make("skill/Push-v0")
     env.reset(options={"goal": (0.0, 0.0)})  # where the box is, and where the engine puts it back
-    env.episodes.env.arms.batch.bind("qpos")[0, env.episodes.env.arms._object_qpos] = [0.6, 0, 3.0, 1, 0, 0, 0]
+    env.episodes.env.arms.object_poses[0] = [0.6, 0, 3.0, 1, 0, 0, 0]
     _, reward, terminated, truncated, info = env.step(np.zeros(7))
     assert terminated and not truncated and reward == -30.0 and not info["is_success"]
 

@@ -70,6 +70,31 @@ def test_a_named_composition_brings_its_scene_and_a_plan_keeps_it(store: Path) -
         assert kept.verify(ArtifactId("stacked", stage, 1)) == []
 
 
+def test_a_tower_is_planned_block_by_block_and_recordings_hold_all_blocks(store: Path, tmp_path: Path) -> None:
+    made("--store", store, "compose", "grasped/embed-means", "--method", "search", "--task", "tower", "--name", "built")
+    made("--store", store, "transfer-eval", "built/compose", "--domain", "real-like", "--episodes", "2", "--replan")
+    kept = Store(store)
+    plan = kept.read(ArtifactId("built", "compose", 1))
+    assert len(plan.arrays["waypoints/target"]) == 2 and (plan.arrays["plan/route"] == 0).all()
+    assert plan.results["expanded_nodes"] == 2, "the budget is for each block"
+    others = plan.arrays["trajectories/other_poses"]
+    np.testing.assert_allclose(others[:, 0].reshape(-1, 2, 7)[:, :, :2], [[[0.45, -0.1], [0.55, 0.1]]], atol=2e-3)
+    for stage in ("compose", "transfer-eval"):
+        assert kept.verify(ArtifactId("built", stage, 1)) == []
+    made("--store", store, "viz", "built/compose", "-o", tmp_path / "x.rrd", "--png", tmp_path / "x.png")
+
+
+def test_another_success_radius_judges_the_same_plan(store: Path) -> None:
+    rates = []
+    for number, radius in enumerate(("1e-4", "5.0"), 1):
+        words = ("transfer-eval", "grasped/compose", "--name", "judged", "--episodes", "2", "--domain", "nominal")
+        rates.append(made("--store", store, *words, "--set", f"task.tolerance={radius}")["domains"][0]["success_rate"])
+        assert Store(store).verify(ArtifactId("judged", "transfer-eval", number)) == []
+    assert rates == [0.0, 1.0]
+    result = skill("--store", store, "transfer-eval", "grasped/compose", "--set", "task.horizon=7")
+    assert result.code == 2 and "task.tolerance" in result.err
+
+
 def test_the_scene_can_be_set_and_other_keys_of_the_task_cannot(store: Path) -> None:
     words = ("--store", store, "compose", "grasped/embed-means", "--goal", "0.55,0.1,0.06", "--name", "set")
     made(*words, "--set", "task.others=[[0.55, 0.1]]")

@@ -13,7 +13,7 @@ from skillcli.robots.robot import Robot
 from skillcli.robots.scene import TABLE_TOP
 from skillcli.simulation.arm_environment import BASE, ArmEnvironment
 from skillcli.simulation.chance import Rng
-from skillcli.simulation.environment import SAFETY_LIMITS, Array, ObservationTerm, RewardTerms
+from skillcli.simulation.environment import SAFETY_LIMITS, Array, ObservationTerm, RewardTerms, Step
 from skillcli.simulation.fingers import Fingers
 from skillcli.simulation.rotations import frames, quaternions, up, upright
 from skillcli.simulation.safety import SOFT_TABLE_TOLERANCE
@@ -39,6 +39,8 @@ CARRIED = 1.5  # how much farther than blocks begin from their nominal start the
 OVER_THE_OTHER = 0.01  # m over another block, at which a block that is let go on it begins
 BESIDE_THE_OTHER = 0.1  # m per rad of `start_offset` that it is off its middle: a centimetre at its end
 REACH_OF_FINGERS = 0.025  # m from the gripper within which the middle of a held block is
+AROUND = 2 * REACH_OF_FINGERS  # m from the gripper within which fingers that are not open enough have not let go of a block
+IN_PLACE = 0.01  # m from its place, at which a block that is let go is done with, and the next one is attended to
 PRESSING = 0.008  # m by which the command of a hand that holds something leads the width
 LET_GO = 0.025  # m: the opened fingers leave a block this much room
 DOWN = 0.015  # m over the table, below which a block in the hand can be put down
@@ -104,6 +106,7 @@ class BlocksEnvironment(ArmEnvironment):
         self._block_start, self._half = np.array(self._task.block_start), self._task.block_size / 2
         self._offset, self._yaw = np.zeros((num_envs, 2)), np.zeros(num_envs)
         self._progress = np.zeros(num_envs)
+        self._build = np.array(self._task.build)
         heights = (TABLE_TOP + self._half, HAND_ABOVE, HAND_HIGH, TABLE_TOP + 3 * self._half + OVER_THE_OTHER)
         self._postures: Postures | None = None
         if self._task.grasped_starts:
@@ -112,7 +115,21 @@ class BlocksEnvironment(ArmEnvironment):
     def reset(self, ids: Array, skill: Array) -> None:
         """See `ArmEnvironment`."""
         self._kind[ids] = self._kinds[skill]
+        if len(self._build):
+            self.arms.attended[ids] = 0
         super().reset(ids, skill)
+
+    def step(self, action: Array) -> Step:
+        """See `Environment`; a block that was let go in its place is seen there once, and then the next one is attended to."""
+        self._attend_next(np.arange(self.num_envs))
+        return super().step(action)
+
+    def restore(self, ids: Array, sim_states: Array) -> None:
+        """See `Environment`."""
+        super().restore(ids, sim_states)
+        self._attend_next(ids)
+        if len(self._build) and self._sensors is not None:
+            self._sensors.settle(ids, self._true()[ids])
 
     def reset_to_state(self, ids: Array, sim_states: Array, skill: Array) -> None:
         """See `Environment`; a skill that needs a block in the hand, or none, begins at its own start if that is not so."""
@@ -162,9 +179,10 @@ class BlocksEnvironment(ArmEnvironment):
         open_width, closed = self.arms.fingers.widest, 2 * self._half
         width = np.where(grasped, closed, open_width)
         hand = np.stack([width, np.where(grasped, closed - Fingers.MAX_LEAD, open_width)], axis=1)
-        poses = self.place_object(ids)
-        self.arms.reset_to(ids, angles, poses, hand)
-        pose = poses[:, self._columns]
+        poses = self.place_object(ids).reshape(len(ids), -1, 7)
+        self.arms.reset_to(ids, angles, poses.reshape(len(ids), -1), hand)
+        rows, attended = np.arange(len(ids)), self.arms.attended[ids]
+        pose = poses[rows, attended]
         inside = self.arms.gripper_position[ids]
         pose[grasped, :3] = inside[grasped]
         pose[grasped, 2] = np.maximum(inside[grasped, 2], TABLE_TOP + self._half)
@@ -172,13 +190,14 @@ class BlocksEnvironment(ArmEnvironment):
         pose[grasped, 3:] = upright(heading(axis[grasped]))
         leaning = grasped & (level == 2)
         pose[leaning, 3:] = quaternions(hand_frames(axis[leaning], pointing[leaning]))
-        stacked = level == 3
-        if stacked.any():
-            base = poses.reshape(len(ids), -1, 7)[:, 1 if self.arms.attended == 0 else 0]
-            base[stacked] = pose[stacked]
-            base[stacked, :2] += BESIDE_THE_OTHER * self._start_offset[ids][stacked, :2]
-            base[stacked, 2] = TABLE_TOP + self._half
-        self.arms.reset_to(ids, angles, poses, hand)
+        poses[rows, attended] = pose
+        stacked = np.flatnonzero(level == 3)
+        if len(stacked):
+            under = pose[stacked]
+            under[:, :2] += BESIDE_THE_OTHER * self._start_offset[ids][stacked, :2]
+            under[:, 2] = TABLE_TOP + self._half
+            poses[stacked, np.where(attended[stacked] == 0, 1, 0)] = under
+        self.arms.reset_to(ids, angles, poses.reshape(len(ids), -1), hand)
 
     def _turning(self, ids: Array) -> Array:
         """Return in which direction a hand that points down turns with its last joint, seen from above, (n,) 1 or -1."""
@@ -197,19 +216,26 @@ class BlocksEnvironment(ArmEnvironment):
         poses[:, :, :2] = places
         poses[:, :, 2] = TABLE_TOP + self._half
         poses[:, :, 3] = 1.0
-        attended = poses[:, self.arms.attended]
-        attended[:, :2] = self._block_start + self._offset[ids]
-        attended[:, 3:] = upright(self._yaw[ids])
+        rows, attended = np.arange(len(ids)), self.arms.attended[ids]
+        poses[rows, attended, :2] = self._block_start + self._offset[ids]
+        poses[rows, attended, 3:] = upright(self._yaw[ids])
         return poses.reshape(len(ids), -1)
 
     def attend(self, block: int) -> None:
-        """Choose the block, of several, that skills see and goals are about from now on."""
-        self.arms.attend(block)
+        """Choose the block, of several, that skills see and goals are about from now on; with `task.build` the task does."""
+        self.arms.attended[:] = block
 
-    @property
-    def _columns(self) -> slice:
-        """Return where the pose of the attended block is among those of all."""
-        return slice(7 * self.arms.attended, 7 * self.arms.attended + 7)
+    def _attend_next(self, ids: Array) -> None:
+        """With `task.build`, attend to the first block that is not in its place, or not let go there; at last to the last."""
+        if not len(self._build):
+            return
+        block = self.arms.object_poses[ids].reshape(len(ids), -1, 7)[:, :, :3]
+        away = np.linalg.norm(block - self.arms.gripper_position[ids, None], axis=2)
+        touched = (away == away.min(axis=1, keepdims=True)) & (away < AROUND)
+        block[:, :, 2] += np.where(touched, self._to_open(self.arms.fingers.width[ids])[:, None], 0.0)
+        off = np.linalg.norm(block[:, : len(self._build)] - self._build, axis=2)
+        there = off < np.where(touched[:, : len(self._build)], IN_PLACE, self.tolerance)
+        self.arms.attended[ids] = np.where(there.all(axis=1), len(self._build) - 1, (~there).argmax(axis=1))
 
     def position(self) -> Array:
         """See `ArmEnvironment`."""
@@ -235,9 +261,12 @@ class BlocksEnvironment(ArmEnvironment):
 
     def _yet_to_open(self) -> Array:
         """Return by how much fingers around a block have to open to let it go, (N,) m."""
-        around = np.linalg.norm(self.position(), axis=1) < 2 * REACH_OF_FINGERS
-        room = self.arms.fingers.width - 2 * self._half
-        return np.where(around, np.clip(LET_GO - room, 0.0, LET_GO), 0.0)
+        return np.where(np.linalg.norm(self.position(), axis=1) < AROUND, self._to_open(self.arms.fingers.width), 0.0)
+
+    def _to_open(self, width: Array) -> Array:
+        """Return by how much fingers with these widths (n,) m have to open to let a block go, (n,) m."""
+        to_open: Array = np.clip(LET_GO - (width - 2 * self._half), 0.0, LET_GO)
+        return to_open
 
     def keypoints(self) -> Array:
         """See `Environment`; achieved goal, gripper and block."""
@@ -335,9 +364,8 @@ class BlocksEnvironment(ArmEnvironment):
         """Return where one of the other blocks leans as it does not while it stands on a face, (N,) bool."""
         toppled = np.zeros(self.num_envs, dtype=bool)
         for other in range(len(self._task.others) + 1):
-            if other != self.arms.attended:
-                turned = np.nan_to_num(self.arms.object_poses[:, 7 * other + 3 : 7 * other + 7])
-                toppled |= up(turned)[:, 2] < STANDING
+            turned = np.nan_to_num(self.arms.object_poses[:, 7 * other + 3 : 7 * other + 7])
+            toppled |= (other != self.arms.attended) & (up(turned)[:, 2] < STANDING)
         return toppled
 
     def privileged(self) -> Array:
@@ -374,9 +402,9 @@ class BlocksEnvironment(ArmEnvironment):
         """See `ArmEnvironment`; of all blocks, (N, 7K)."""
         poses = self.arms.object_poses.copy()
         if self._sensors is not None:
-            pose = poses[:, self._columns]
             relative, gripper, turned = np.split(self._measured[:, self.joints : self.joints + 10], [3, 6], axis=1)
-            pose[:, :3], pose[:, 3:] = gripper - relative, turned / np.linalg.norm(turned, axis=1, keepdims=True)
+            pose = np.concatenate([gripper - relative, turned / np.linalg.norm(turned, axis=1, keepdims=True)], axis=1)
+            poses.reshape(self.num_envs, -1, 7)[np.arange(self.num_envs), self.arms.attended] = pose
         return poses
 
     def set_estimated_state(self, ids: Array, state: Array, sag: Array | None = None) -> None:
@@ -385,32 +413,37 @@ class BlocksEnvironment(ArmEnvironment):
         As measured it would be some millimetres inside of a finger, or of the table, and be thrown out.
         """
         super().set_estimated_state(ids, state, sag)  # for where the hand is
+        self._attend_next(ids)
         touching = state.copy()
-        poses = touching[:, -self.arms.object_poses.shape[1] :]
-        block = poses[:, self._columns]
+        rows, attended = np.arange(len(ids)), self.arms.attended[ids]
+        poses = touching[:, -self.arms.object_poses.shape[1] :].reshape(len(ids), -1, 7)
+        block = poses[rows, attended]
         away = block[:, :3] - self.arms.gripper_position[ids]
         away -= (away * self.arms.fingers.axis[ids]).sum(axis=1, keepdims=True) * self.arms.fingers.axis[ids]
         distance = np.linalg.norm(away, axis=1)
-        held = self._pressing()[ids] & (distance < 2 * REACH_OF_FINGERS)
+        held = self._pressing()[ids] & (distance < AROUND)
         away *= np.minimum(1.0, REACH_OF_FINGERS / np.maximum(distance, 1e-9))[:, None]
         block[held, :3] = (self.arms.gripper_position[ids] + away)[held]
         lowest = TABLE_TOP + self._half
-        others = np.delete(poses.reshape(len(ids), -1, 7), self.arms.attended, axis=1)
-        beside = np.linalg.norm(others[:, :, :2] - block[:, None, :2], axis=2)
-        over = (beside < self._half) & (others[:, :, 2] < block[:, None, 2])
-        lying = np.maximum(lowest, np.where(over, others[:, :, 2] + 2 * self._half, 0.0).max(axis=1, initial=0.0))
+        beside = np.linalg.norm(poses[:, :, :2] - block[:, None, :2], axis=2)
+        under = (beside < self._half) & (poses[:, :, 2] < block[:, None, 2] - self._half)
+        lying = np.maximum(lowest, np.where(under, poses[:, :, 2] + 2 * self._half, 0.0).max(axis=1))
         off = np.abs(block[:, 2] - lying)
         lies = ~held & (off > SUNK) & (off < SEEN_LYING) & (np.abs(frames(block[:, 3:])[:, 2]).max(axis=1) > STANDING)
         block[lies, 2] = lying[lies]
         block[:, 2] = np.where(held, np.maximum(block[:, 2], lowest), block[:, 2])
+        poses[rows, attended] = block
+        touching[:, -poses[0].size :] = poses.reshape(len(ids), -1)
         super().set_estimated_state(ids, touching, sag)
 
     def estimate_achieved_goal(self, object_pose: Array | None) -> Array:
         """See `ArmEnvironment`."""
         assert object_pose is not None
-        return self.achieved_goal() + object_pose[:, self._columns][:, :3] - self.arms.object_pose[:, :3]
+        return self.achieved_goal() + self.arms.of_attended(object_pose)[:, :3] - self.arms.object_pose[:, :3]
 
     def recorded_state(self) -> dict[str, Array]:
         """See `Environment`."""
         state = super().recorded_state()
-        return {**state, "object_pose": self.arms.object_pose.copy(), "finger_position": self.arms.fingers.position}
+        first, others = np.split(self.arms.object_poses.copy(), [7], axis=1)
+        more = {"other_poses": others} if others.shape[1] else {}
+        return {**state, "object_pose": first, **more, "finger_position": self.arms.fingers.position}

@@ -6,7 +6,7 @@ from typing import ClassVar, Literal
 
 from pydantic import model_validator
 
-from skillcli.config.base import Vector3, value
+from skillcli.config.base import Vector3, optional_value, value
 from skillcli.simulation.arms import MOST_OBJECTS
 from skillcli.simulation.settings import MAX_SKILLS, ArmTask
 
@@ -16,7 +16,7 @@ KINDS = ("above", "lift", "carry", "place")  # what a skill does: the first word
 class BlocksTask(ArmTask):
     """The arm's hand grasps a block, carries it, and puts it down; one skill per goal."""
 
-    SCENE: ClassVar[tuple[str, ...]] = ("others",)
+    SCENE: ClassVar[tuple[str, ...]] = ("others", "build")
 
     name: Literal["blocks"] = value("blocks", "which task", "")
     goals: tuple[Vector3, ...] = value(
@@ -51,6 +51,9 @@ class BlocksTask(ArmTask):
         "m",
         max_length=MOST_OBJECTS - 1,
     )
+    build: tuple[Vector3, ...] = optional_value(
+        (), "of a plan for several blocks: where the first one goes, then those of `others`, one after the other", "m"
+    )
     block_size: float = value(0.04, "edge of the block", "m", ge=0.01, le=0.3)
     block_mass: float = value(0.1, "of the block, evenly filled", "kg", gt=0, le=5)
     friction: float = value(0.6, "sliding friction between block and table", "", gt=0, le=3)
@@ -69,6 +72,17 @@ class BlocksTask(ArmTask):
         if unknown:
             raise ValueError(f"names begin with {', '.join(KINDS)}, got {unknown[0]!r}")
         return self
+
+    @model_validator(mode="after")
+    def _there_are_blocks_to_build_with(self) -> BlocksTask:
+        if len(self.build) > len(self.others) + 1:
+            raise ValueError(f"task.build places {len(self.build)} blocks, there are {len(self.others) + 1}")
+        return self
+
+    @property
+    def one_by_one(self) -> bool:
+        """See `TaskSettings`."""
+        return bool(self.build)
 
     @property
     def kinds(self) -> tuple[str, ...]:

@@ -17,6 +17,8 @@ from skillcli.tasks.on_table import check_goal_on_table, check_start_on_table
 from skillcli.tasks.spec import FigureSettings, Route, TaskEnvironment, TaskSpec
 from skillcli.trajectories import Array
 
+TOWER = ((0.55, 0.1, 0.06), (0.55, 0.1, 0.1))  # m, places of the second and the third block of a tower, and what lies there
+LYING = ((0.45, -0.1), (0.55, 0.1))  # m: the third block, and the lowest
 BASES = ((0.45, 0.1), (0.55, -0.1))  # m, blocks to stack another one on
 
 
@@ -85,8 +87,8 @@ TASK = TaskSpec(
     check_start=_check_start,
     placed=("start", "action_limit"),
     place=_place,
-    compositions={"pick-and-place": _places(), "stack": tuple(((*base, 0.06),) for base in BASES)},
-    scenes={"stack": {"others": BASES}},
+    compositions={"pick-and-place": _places(), "stack": tuple(((*base, 0.06),) for base in BASES), "tower": (TOWER,)},
+    scenes={"stack": {"others": BASES}, "tower": {"others": LYING, "build": TOWER}},
     cost_to_go=lambda task: BlockCostToGo(task.carry_height),
     aims=_aims,
     figure_settings=FigureSettings(((0, 1), (0, 2)), "block"),

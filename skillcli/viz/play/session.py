@@ -314,11 +314,12 @@ class PlaySession:
 
     def _pose(self) -> Pose:
         state = self._env.recorded_state()
-        joints, box, fingers = (state.get(name) for name in ("joint_position", "object_pose", "finger_position"))
+        joints, fingers = (state.get(name) for name in ("joint_position", "finger_position"))
+        boxes = [state[name][0] for name in ("object_pose", "other_poses") if name in state]
         return Pose(
             self._env.achieved_goal()[0].copy(),
             None if joints is None else joints[0].copy(),
-            None if box is None else box[0].copy(),
+            np.concatenate(boxes) if boxes else None,
             None if fingers is None else fingers[0].copy(),
         )
 

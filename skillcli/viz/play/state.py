@@ -15,7 +15,7 @@ class Pose:
 
     achieved_goal: Array  # (3,) m
     joint_position: Array | None = None  # (J,) rad
-    object_pose: Array | None = None  # (7,) m and w x y z
+    object_poses: Array | None = None  # (7K,) m and w x y z of K objects
     finger_position: Array | None = None  # (2,) m, how far each finger of a hand is open
 
 
@@ -48,11 +48,12 @@ def between(before: Pose, after: Pose, share: float) -> Pose:
     def mixed(a: Array | None, b: Array | None) -> Array | None:
         return None if a is None or b is None else a + share * (b - a)
 
-    box = mixed(before.object_pose, after.object_pose)
-    if box is not None and before.object_pose is not None and after.object_pose is not None:
-        first, second = before.object_pose[3:], after.object_pose[3:]
-        turn = first + share * (np.copysign(1.0, first @ second) * second - first)
-        box[3:] = turn / np.linalg.norm(turn)
+    boxes = mixed(before.object_poses, after.object_poses)
+    if boxes is not None and before.object_poses is not None and after.object_poses is not None:
+        first, second = (each.reshape(-1, 7)[:, 3:] for each in (before.object_poses, after.object_poses))
+        alike = np.copysign(1.0, (first * second).sum(axis=1, keepdims=True))
+        turn = first + share * (alike * second - first)
+        boxes.reshape(-1, 7)[:, 3:] = turn / np.linalg.norm(turn, axis=1, keepdims=True)
     place = before.achieved_goal + share * (after.achieved_goal - before.achieved_goal)
     fingers = mixed(before.finger_position, after.finger_position)
-    return Pose(place, mixed(before.joint_position, after.joint_position), box, fingers)
+    return Pose(place, mixed(before.joint_position, after.joint_position), boxes, fingers)

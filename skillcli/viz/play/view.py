@@ -114,10 +114,10 @@ class View:
         """Return the poses of all bodies, see `kinematics.body_poses`; of one moment."""
         assert pose.joint_position is not None and self._world is not None
         robot = self._world.robot
-        box = None if pose.object_pose is None else pose.object_pose[None]
+        boxes = None if pose.object_poses is None else pose.object_poses[None]
         fingers = () if robot.hand is None else robot.hand.joints
         opened = None if pose.finger_position is None else pose.finger_position[None]
-        return kinematics.body_poses(model, robot.names.joints, pose.joint_position[None], box, fingers, opened)
+        return kinematics.body_poses(model, robot.names.joints, pose.joint_position[None], boxes, fingers, opened)
 
     def _spread(self) -> Array:
         """Return the points that must be visible, (n, 3) m: the arm, the goals, and what goes to them."""

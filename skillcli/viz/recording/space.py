@@ -161,10 +161,10 @@ def _log_poses(
     """Log poses of the bodies in these rows of an episode, on the first rows of the clock."""
     data = scene.trajectories
     assert data.joint_position is not None  # checked by the caller
-    box = None if data.object_pose is None else data.object_pose[episode, rows]
+    boxes = None if data.object_poses is None else data.object_poses[episode, rows]
     opened = None if data.finger_position is None else data.finger_position[episode, rows]
     positions, quaternions = kinematics.body_poses(
-        scene.model, scene.joints, data.joint_position[episode, rows], box, scene.fingers, opened
+        scene.model, scene.joints, data.joint_position[episode, rows], boxes, scene.fingers, opened
     )
     for body in bodies:
         entity = _body_entity(scene, root, body)

@@ -294,3 +294,73 @@ def test_a_block_that_is_seen_near_the_top_of_another_lies_on_it() -> None:
     np.testing.assert_allclose(told.arms.object_pose[:, :3], [on_top] * 2, atol=1e-6)
     drive(told, STILL, 10)
     np.testing.assert_allclose(told.arms.object_pose[:, :3], [on_top] * 2, atol=4e-3)
+
+
+BASE, THIRD = (0.55, 0.1), (0.45, -0.1)
+TOWER = TASK.model_copy(update={"others": (THIRD, BASE), "build": ((*BASE, 3 * DOWN), (*BASE, 5 * DOWN))})
+
+
+def tower(count: int = 2) -> BlocksEnvironment:
+    """A hand, a block to go on the last of three, and another one to go on that."""
+    env = begun(np.full(count, NO_SKILL), task=TOWER)
+    assert not env.arms.attended.any()
+    return env
+
+
+def put(env: BlocksEnvironment, place: tuple[float, ...], number: int = 0, block: int = 0) -> None:
+    """Put a block of one simulation somewhere, upright and at rest."""
+    poses = env.arms.object_poses
+    poses[number, 7 * block : 7 * block + 7] = [*place, 1, 0, 0, 0]
+    env.arms.batch.forward(np.array([number]))
+
+
+def test_a_block_that_lies_in_its_place_is_seen_there_once_and_then_the_next_one_is_attended_to() -> None:
+    env = tower()
+    put(env, (BASE[0] + 0.005, BASE[1], 3 * DOWN))
+    np.testing.assert_allclose(env.achieved_goal()[0], [BASE[0] + 0.005, BASE[1], 3 * DOWN])
+    drive(env, STILL, 1)
+    assert env.arms.attended.tolist() == [1, 0]
+    np.testing.assert_allclose(env.achieved_goal()[0, :2], THIRD, atol=1e-3)
+    np.testing.assert_allclose(env.position()[0], env.arms.gripper_position[0] - env.achieved_goal()[0], atol=1e-6)
+    np.testing.assert_allclose(env.recorded_state()["object_pose"][0, :2], [BASE[0] + 0.005, BASE[1]], atol=2e-3)
+    assert env.recorded_state()["other_poses"].shape == (2, 14), "what is recorded does not depend on attention"
+
+
+def test_a_block_that_falls_from_its_place_is_attended_to_again() -> None:
+    env = tower()
+    put(env, (*BASE, 3 * DOWN))
+    drive(env, STILL, 1)
+    put(env, (BASE[0] + 0.1, BASE[1], DOWN))
+    drive(env, STILL, 1)
+    assert env.arms.attended.tolist() == [0, 0]
+
+
+def test_attention_is_part_of_what_is_restored_and_estimated() -> None:
+    env, other = tower(), tower(3)
+    put(env, (*BASE, 3 * DOWN))
+    drive(env, STILL, 1)
+    other.restore(np.array([2]), env.save(np.array([0])))
+    assert other.arms.attended.tolist() == [0, 0, 1]
+    other.set_estimated_state(np.array([1, 2]), env.estimate_state().state)
+    assert other.arms.attended.tolist() == [0, 1, 0]
+    np.testing.assert_array_equal(other.achieved_goal()[1], env.achieved_goal()[0])
+    env.reset(np.array([0, 1]), np.full(2, NO_SKILL))
+    assert not env.arms.attended.any()
+
+
+def test_a_block_in_its_place_is_done_with_only_when_it_is_let_go() -> None:
+    env = tower(1)
+    put(env, (*env.arms.gripper_position[0, :2], 3 * DOWN))
+    built = TOWER.model_copy(update={"build": ((*env.arms.gripper_position[0].tolist(),), (*BASE, 5 * DOWN))})
+    env = begun(np.full(1, NO_SKILL), task=built)
+    for width, attended in ((2 * DOWN, 0), (2 * DOWN + LET_GO - 0.015, 0), (2 * DOWN + LET_GO - 0.005, 1)):
+        state = env.estimate_state().state
+        state[0, -21:-14] = [*env.arms.gripper_position[0], 1, 0, 0, 0]
+        state[0, -23:-21] = width
+        env.set_estimated_state(np.array([0]), state)
+        assert env.arms.attended.tolist() == [attended]
+
+
+def test_no_more_blocks_are_placed_than_there_are() -> None:
+    with pytest.raises(UsageError, match="places 2 blocks, there are 1"):
+        resolve({"name": "t", "robot": "panda", "task": {"name": "blocks", "build": [[0.5, 0, 0.02], [0.5, 0.1, 0.02]]}})

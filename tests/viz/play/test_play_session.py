@@ -238,8 +238,8 @@ def test_frames_lie_between_two_states() -> None:
     before = Pose(np.zeros(3), np.zeros(7), np.array([0, 0, 0, 1.0, 0, 0, 0]))
     after = Pose(np.ones(3), np.ones(7), np.array([1, 0, 0, -half, 0, 0, -half]))
     middle = between(before, after, 0.5)
-    assert middle.object_pose is not None and middle.joint_position is not None
+    assert middle.object_poses is not None and middle.joint_position is not None
     np.testing.assert_allclose(middle.achieved_goal, 0.5)
     np.testing.assert_allclose(middle.joint_position, 0.5)
-    np.testing.assert_allclose(middle.object_pose, [0.5, 0, 0, np.cos(np.pi / 8), 0, 0, np.sin(np.pi / 8)], atol=1e-9)
+    np.testing.assert_allclose(middle.object_poses, [0.5, 0, 0, np.cos(np.pi / 8), 0, 0, np.sin(np.pi / 8)], atol=1e-9)
     assert between(before, after, 1.0) is after
