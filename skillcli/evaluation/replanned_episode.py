@@ -48,6 +48,7 @@ class Sighting:
         applied: increments (J,) rad of each control step since.
         measured: joint angles (J,) rad after each of them.
         waypoints: (W, 3) m, still to be met.
+        within: m from the last one, where a plan may end.
     """
 
     seen: StateEstimate
@@ -55,6 +56,7 @@ class Sighting:
     applied: Sequence[Array]
     measured: Sequence[Array]
     waypoints: Array
+    within: float
 
 
 class Target(Protocol):
@@ -194,7 +196,8 @@ class ReplannedEpisode:
                 self._resting -= 1
                 return False
             waypoints = self._waypoints[self._next_waypoint :]
-            self._adviser.ask(Sighting(seen, self._begun, list(self._applied), list(self._measured), waypoints))
+            told = list(self._applied), list(self._measured)
+            self._adviser.ask(Sighting(seen, self._begun, *told, waypoints, self._allowed_gap()))
             self._asked = True
         self._prospect = self._adviser.answer()
         if self._prospect is None:
@@ -253,10 +256,15 @@ class ReplannedEpisode:
             return False
         fastest = self._adviser.final_speed
         slow = not fastest or self._speed() <= fastest
-        allowed_gap = self._adviser.goal_tolerance
-        if self._passed >= self._patience:  # the skills cannot come closer to some places
-            allowed_gap = max(allowed_gap, MARGIN * self._target.tolerance)
-        return gap <= allowed_gap and slow and len(self._path) > 1
+        return gap <= self._allowed_gap() and slow and len(self._path) > 1
+
+    def _allowed_gap(self) -> float:
+        """Return the estimated distance from the last waypoint at which the episode may end, m."""
+        if self._passed < self._patience:
+            return self._adviser.goal_tolerance
+        return max(
+            self._adviser.goal_tolerance, MARGIN * self._target.tolerance
+        )  # the skills cannot come closer to some places
 
     def _speed(self) -> float:
         """Return the estimated speed of the achieved goal, m/s."""

@@ -17,6 +17,7 @@ from skillcli.composition.latent_environment import LatentEnvironment
 from skillcli.composition.mpc import ModelPredictiveControl, MpcSettings, mpc_from
 from skillcli.composition.plan import Choices, Segment
 from skillcli.composition.planner import run
+from skillcli.composition.problem import PlanningProblem
 from skillcli.composition.registry import method_spec, replanning
 from skillcli.composition.search import Expansions, SearchSettings, choices_of, search_from
 from skillcli.errors import UsageError
@@ -122,7 +123,7 @@ class Replanner:
     def ask(self, sighting: Sighting) -> None:
         """See `Adviser`: the answer is there at once."""
         self.update(sighting.begun, sighting.applied, sighting.measured)
-        self._answer = self.next(sighting.seen, sighting.waypoints, self._rng)
+        self._answer = self.next(sighting.seen, sighting.waypoints, self._rng, sighting.within)
 
     def answer(self) -> Prospect | None:
         """See `Adviser`."""
@@ -167,17 +168,28 @@ class Replanner:
                 self._others.randomize(varied, np.random.default_rng(0))
             self._latency = latency
 
-    def next(self, seen: StateEstimate, waypoints: Array, rng: np.random.Generator) -> Prospect:
-        """Plan the next segment and predict its result; if every plan violates a limit, plan without limits."""
+    def next(self, seen: StateEstimate, waypoints: Array, rng: np.random.Generator, within: float | None = None) -> Prospect:
+        """Plan the next segment and predict its result; if every plan violates a limit, plan without limits.
+
+        Args:
+            seen: where the target is.
+            waypoints: (W, 3) m, still to be met.
+            rng: of random methods.
+            within: m from the last waypoint where the plan may end, `goal_tolerance` by default.
+        """
         began = time.perf_counter()
+        if self.problem.one_by_one and len(waypoints) > 1:
+            waypoints, within = waypoints[:1], None
         choices = self._choices(waypoints)
         barred = self._barred(seen, choices, rng)
         self._simulations.set_estimated_state(np.array([0]), seen.state, self._known.sag[None])
         sim_state, keypoints = self._world.start()
-        planner = self._planner(sim_state, keypoints, waypoints, choices, rng, barred)
+        settings = self.problem.settings.model_copy(update={"goal_tolerance": within or self.goal_tolerance})
+        problem = replace(self.problem, settings=settings)
+        planner = self._planner(problem, sim_state, keypoints, waypoints, choices, rng, barred)
         run(planner, self._world, lambda *_: None)
         if not planner.plan():
-            planner = self._planner(sim_state, keypoints, waypoints, choices, rng)
+            planner = self._planner(problem, sim_state, keypoints, waypoints, choices, rng)
             run(planner, self._without_limits, lambda *_: None)
         self.effort.plans += 1
         self.effort.seconds += time.perf_counter() - began
@@ -206,13 +218,13 @@ class Replanner:
         return frozenset(np.flatnonzero(broken > broken.min()).tolist())
 
     def _planner(
-        self, sim_state: Array, keypoints: Array, waypoints: Array, choices: Choices | None, rng: np.random.Generator,
-        barred: Collection[int] = (),
+        self, problem: PlanningProblem, sim_state: Array, keypoints: Array, waypoints: Array, choices: Choices | None,
+        rng: np.random.Generator, barred: Collection[int] = (),
     ) -> Expansions | ModelPredictiveControl:  # fmt: skip
         if choices is None:
-            return mpc_from(self.problem, sim_state, keypoints, waypoints, 1, rng)
+            return mpc_from(problem, sim_state, keypoints, waypoints, 1, rng)
         settings = self.recipe.transfer
-        search = search_from(self.problem, sim_state, keypoints, waypoints, choices, settings.replan_budget, barred)
+        search = search_from(problem, sim_state, keypoints, waypoints, choices, settings.replan_budget, barred)
         return Expansions(search, settings.replan_batch)
 
 

@@ -103,3 +103,12 @@ def test_what_was_asked_before_the_reflex_is_no_longer_wanted() -> None:
     recording, _ = played(adviser, steps=8, most=6)
     assert len(adviser.told) == 2 and not adviser.told[1].applied, "what the reflex did tells nothing of the policy"
     assert recording.action[0, 1].all() and runs(recording.skill[0]) == [(-1, 4), (0, 2)]
+
+
+def test_after_half_of_the_time_a_plan_may_end_as_far_off_as_the_episode() -> None:
+    _, mission = played(adviser := Slow(takes=0), steps=24)
+    assert mission.gave_up()
+    within = [told.within for told in adviser.told]
+    assert within[:3] == [0.01] * 3 and set(within[3:]) == {0.8 * ReachTask().tolerance}, (
+        "asked after 0, 4, 10 and 16 of 24 steps"
+    )

@@ -321,3 +321,14 @@ def test_where_little_is_allowed_it_comes_nearer_than_the_planner_would() -> Non
 def test_near_the_goal_it_stops_where_a_plan_should_end_no_nearer() -> None:
     away = episode((0.6, 0.1, 0.25), 60, goal_tolerance=1e-6)
     assert away.success[0] and away.length[0] < 30, "not to overshoot again and again until half of the time is over"
+
+
+def test_a_plan_that_may_end_farther_off_is_found_sooner() -> None:
+    tried = []
+    for within in (None, 0.08):
+        replanner = planning(transfer={"replan_budget": 30, "replan_batch": 1})
+        env = target()
+        goal = env.achieved_goal() + np.array([[0.0, 0.1, 0.0]])
+        replanner.next(env.estimate_state(), goal, np.random.default_rng(0), within)
+        tried.append(replanner._world.held)
+    assert tried[1] < tried[0]

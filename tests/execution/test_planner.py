@@ -43,7 +43,7 @@ def planner() -> Iterator[PlannerProcess]:
 
 def sighting() -> Sighting:
     env = LIBRARY.world.make_env(1, threads=1)
-    return Sighting(env.estimate_state(), np.zeros((1, 0)), [], [], GOAL)
+    return Sighting(env.estimate_state(), np.zeros((1, 0)), [], [], GOAL, 0.02)
 
 
 def answered(planner: PlannerProcess, within: float = 50.0) -> Prospect:
