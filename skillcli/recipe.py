@@ -130,9 +130,12 @@ class Recipe(_PlannedRecipe):
         return settings
 
     def in_scene(self, task: TaskSettings) -> Recipe:
-        """Return the same recipe where there is what these settings of its task say, see `TaskSettings.SCENE`."""
-        scene = {key: getattr(task, key) for key in task.SCENE}
-        return self if not scene else self.model_copy(update={"task": self.task.model_copy(update=scene)})
+        """Return the same recipe where there is what these settings of its task say, and judged as they say.
+
+        See `TaskSettings.SCENE` and `TaskSettings.JUDGED`.
+        """
+        other = self.task.model_copy(update={key: getattr(task, key) for key in (*task.SCENE, *task.JUDGED)})
+        return self if other == self.task else self.model_copy(update={"task": other})
 
     def fingerprint(self, sections: Iterable[str] = ()) -> str:
         """Hash the resolved values with SHA-256, of the named sections or of all."""

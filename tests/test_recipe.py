@@ -118,7 +118,9 @@ def test_what_cannot_be_meant_is_refused_with_its_key(override: str, said: str, 
 @pytest.mark.parametrize(
     ("override", "said"),
     [
-        ("task.goals=[[0.1,0,0]]", "'task.goals', entry 1: expected two numbers, got 3"),
+        ("task.goals=[[0.1,0,0,0]]", "'task.goals', entry 1: expected at most three numbers, got 4"),
+        ("task.goals=[[0.1]]", "'task.goals', entry 1: expected at least two numbers, got 1"),
+        ("task.goals=[[0.1,0,0],[0.1,0]]", "goals name x and y, or x, y and a turn, all of them alike"),
         ("task.goals=[[0.1,0],[0.1,0],[0,0.1],[0,-0.1]]", "two skills have the same goal"),
         ('task.names=["up"]', "4 goals need as many different names"),
         ("task.box_size=[0.06,0.06]", "'task.box_size': expected three numbers, got 2"),

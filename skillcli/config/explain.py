@@ -187,4 +187,5 @@ def _list_of(annotation: Any, context: Mapping[str, Any]) -> str:
     count = fixed or context.get("min_length") or context.get("max_length") or 1
     what = "number" if options and _plain(options[0]) in (int, float) else "entry"
     plural = {"number": "numbers", "entry": "entries"}[what] if count != 1 else what
-    return f"{'' if fixed else 'at least '}{_COUNTED.get(count, count)} {plural}"
+    bound = "" if fixed else "at least " if "min_length" in context or "max_length" not in context else "at most "
+    return f"{bound}{_COUNTED.get(count, count)} {plural}"

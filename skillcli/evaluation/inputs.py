@@ -58,7 +58,7 @@ def compose_inputs(
         request.route,
         {"predicted": [others.name, str(sorted(others.parameters.items()))]},
     ]
-    parts += [getattr(recipe.task, key) for key in recipe.task.SCENE]
+    parts += [getattr(recipe.task, key) for key in (*recipe.task.SCENE, *recipe.task.JUDGED)]
     robots = robots_for(recipe, world, method, on, seed)
     if robots.parameters or on:
         parts += [seed, on, {name: values.tolist() for name, values in robots.parameters.items()}]
@@ -77,7 +77,8 @@ def transfer_eval_inputs(
     """Return the fingerprint of a transfer."""
     tables = [[domain.name, str(sorted(domain.parameters.items()))] for domain in find_domains(domains)]
     replanned = recipe.fingerprint(["transfer", "compose", *replanning()]) if recipe.transfer.replan else ""
-    parts: list[Any] = [source.content_sha256, tables, episodes, seed, replanned, DRAWN]
+    judged = [getattr(recipe.task, key) for key in recipe.task.JUDGED]
+    parts: list[Any] = [source.content_sha256, tables, episodes, seed, replanned, DRAWN, judged]
     if robot is not None:
         parts.append({"robot": robot.fingerprint})
     if sensitivity:

@@ -53,9 +53,14 @@ class Library:
         return skill_names(self.recipe)
 
     def in_scene(self, task: TaskSettings) -> Library:
-        """Return the same skills where there is what these settings of their task say, see `TaskSettings.SCENE`."""
+        """Return the same skills where there is what these settings of their task say, see `Recipe.in_scene`."""
         recipe = self.recipe.in_scene(task)
-        return replace(self, recipe=recipe, world=replace(self.world, task=recipe.task)) if task.SCENE else self
+        return self if recipe is self.recipe else replace(self, recipe=recipe, world=replace(self.world, task=recipe.task))
+
+    def judged_by(self, task: TaskSettings) -> Library:
+        """Return the same skills in the same scene, judged as these settings of their task say, see `TaskSettings.JUDGED`."""
+        judged = {key: getattr(task, key) for key in task.JUDGED}
+        return self.in_scene(self.recipe.task.model_copy(update=judged))
 
 
 def check_untouched(library: Library, recipe: Recipe, settable: str) -> None:

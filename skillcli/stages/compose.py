@@ -104,7 +104,7 @@ def draft_of(
     """
     spec = method_spec(method)
     library = library.in_scene(recipe.task)
-    check_untouched(library, recipe, f"{', '.join(f'{section}.*' for section in METHODS)} and compose.*")
+    check_untouched(library, recipe, f"{', '.join(f'{section}.*' for section in METHODS)}, task.tolerance and compose.*")
     robots = robots_for(recipe, library.world, method, on, seed)
     others = find_domain(recipe.compose.robots)
     started = time.perf_counter()

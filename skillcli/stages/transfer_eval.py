@@ -63,10 +63,10 @@ def transfer_eval(
     found = find_domains(domains)
     store.check_writable(name or source_id.name)
     source = store.read(source_id)
-    library = open_library(store, source)
+    library = open_library(store, source).judged_by(recipe.task)
     drawn = [TargetRobots.drawn(domain, episodes, seed, library.world.joints) for domain in found]
     planning = ", ".join(f"{method}.*" for method in replanning())
-    check_untouched(library, recipe, f"transfer.*, compose.* and, with --replan, {planning}")
+    check_untouched(library, recipe, f"task.tolerance, transfer.*, compose.* and, with --replan, {planning}")
     replanner = Replanner(library, recipe, method_of(source)) if recipe.transfer.replan else None
     world = library.world if robot is None else library.world.on(robot)
     trial, once = TransferEvaluator(library, seed, world, replanner), EpisodeSchedule.of(source, library)

@@ -187,7 +187,7 @@ def test_plans_of_an_earlier_skill_keep_what_their_recipes_say_of_planning(chain
 
 def test_a_plan_made_with_other_skills_is_refused(chain: Path, tmp_path: Path) -> None:
     store, good = moved(tmp_path, chain, "compose")
-    bad = forged(store, good, recipe("task", tolerance=0.06))
+    bad = forged(store, good, recipe("task", action_limit=0.03))
     with pytest.raises(StoreError, match=r"tiny/compose-v1 was made with other skills than those of tiny/pretrain-v1"):
         open_library(store, bad)
 
@@ -284,6 +284,6 @@ def test_what_is_drawn_beside_an_artifact_must_be_of_the_same_skills(chain: Path
     store, good = moved(tmp_path, chain, "transfer-eval")
     plan = store.read(ArtifactId("tiny", "compose", 1))
     assert len(scene_of(store, good.id).waypoints) > 0
-    forged(store, plan, recipe("task", tolerance=0.06))
+    forged(store, plan, recipe("task", action_limit=0.03))
     with pytest.raises(StoreError, match=r"tiny/compose-v1 was made with other skills than those of tiny/pretrain-v1"):
         scene_of(store, good.id)

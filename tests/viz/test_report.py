@@ -160,7 +160,7 @@ def test_damaged_and_foreign_artifacts_are_said_and_left_out(chain: Path, tmp_pa
     content[-100] ^= 1
     damaged.write_bytes(content)
     good = store.read(ArtifactId("tiny", "compose", 1))
-    other = resolve(good.recipe, ["task.tolerance=0.06"]).model_dump(mode="json")
+    other = resolve(good.recipe, ["task.action_limit=0.03"]).model_dump(mode="json")
     store.write(draft(good, name="foreign", recipe=other, parents=[parent.id for parent in good.parents]))
     done = skill("--store", store.root, "report", "-o", tmp_path / "page.html")
     assert done.code == 0, done.err
