@@ -193,8 +193,8 @@ class PushEnvironment(ArmEnvironment):
           the box that the last centimetres cost
         - struck: minus 5 times the square of the box's speed, in m/s: the box must be pushed, not struck. The final position
           of a struck box depends on the exact time and place of one touch, and differs from robot to robot.
-        - tipping: minus 0.01 times the square of the speed at which the box tips, in rad/s: a push high up a face topples
-          it, and then its final position is unpredictable.
+        - tipping: minus `task.tipping` times the square of the speed at which the box tips, in rad/s: a push high up a face
+          topples it, and then its final position is unpredictable.
         - low: minus 10 times the depth of the finger below 1 cm above the table, or below a quarter of the height of a box
           lower than 4 cm. Without it fingers lean on the table with up to 200 N.
         - pressed: minus up to 0.3 for pressing down on table or box, from a force of 2 weights of the box to one of 10: a
@@ -216,7 +216,7 @@ class PushEnvironment(ArmEnvironment):
         pressed = np.clip((weights - FIRM) / (CRUSHING - FIRM), 0.0, 1.0)
         costs = {
             "struck": 5.0 * struck,
-            "tipping": 0.01 * self._tipping() ** 2,
+            "tipping": self._task.tipping * self._tipping() ** 2,
             "low": 10.0 * low,
             "pressed": 0.3 * pressed,
         }

@@ -44,6 +44,9 @@ class PushTask(ArmTask):
     approach: float = optional_value(
         0.5, "weight in the reward of the way from the finger to the place behind the box", "1/m", gt=0, le=10
     )
+    tipping: float = optional_value(
+        0.01, "weight in the reward of the square of the speed at which the box tips", "s²/rad²", ge=0, le=10
+    )
     upright: float = optional_value(
         0.0,
         "weight in the reward of a finger that leans by more than 30 degrees from straight down",
