@@ -72,7 +72,8 @@ def test_a_named_composition_brings_its_scene_and_a_plan_keeps_it(store: Path) -
 
 def test_a_tower_is_planned_block_by_block_and_recordings_hold_all_blocks(store: Path, tmp_path: Path) -> None:
     made("--store", store, "compose", "grasped/embed-means", "--method", "search", "--task", "tower", "--name", "built")
-    made("--store", store, "transfer-eval", "built/compose", "--domain", "real-like", "--episodes", "2", "--replan")
+    short = ("--set", "transfer.replan_seconds=0.5", "--set", "transfer.replan_budget=1")
+    made("--store", store, "transfer-eval", "built/compose", "--domain", "real-like", "--episodes", "1", "--replan", *short)
     kept = Store(store)
     plan = kept.read(ArtifactId("built", "compose", 1))
     assert len(plan.arrays["waypoints/target"]) == 2 and (plan.arrays["plan/route"] == 0).all()
