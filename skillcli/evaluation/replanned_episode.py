@@ -262,9 +262,8 @@ class ReplannedEpisode:
         """Return the estimated distance from the last waypoint at which the episode may end, m."""
         if self._passed < self._patience:
             return self._adviser.goal_tolerance
-        return max(
-            self._adviser.goal_tolerance, MARGIN * self._target.tolerance
-        )  # the skills cannot come closer to some places
+        # the skills cannot come closer to some places
+        return max(self._adviser.goal_tolerance, MARGIN * self._target.tolerance)
 
     def _speed(self) -> float:
         """Return the estimated speed of the achieved goal, m/s."""

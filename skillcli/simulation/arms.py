@@ -171,15 +171,15 @@ class ArmBatch:
         direction: Array = self._site_axes.reshape(-1, 3, 3)[:, :, 2]
         return direction
 
-    def of_attended(self, values: Array, ids: Array | slice = slice(None)) -> Array:
-        """Return the part of values (n, wK) of K objects that is of the one attended in these simulations, (n, w).
+    def of_attended(self, values: Array) -> Array:
+        """Return the part of values (N, wK) of K objects that is of the one attended, (N, w).
 
         It is a view where all attend to the first.
         """
-        width, attended = values.shape[1] // len(self.objects), self.attended[ids]
-        if not attended.any():
+        width = values.shape[1] // len(self.objects)
+        if not self.attended.any():
             return values[:, :width]
-        part: Array = values[np.arange(len(values))[:, None], width * attended[:, None] + np.arange(width)]
+        part: Array = values[np.arange(len(values))[:, None], width * self.attended[:, None] + np.arange(width)]
         return part
 
     @property

@@ -178,7 +178,7 @@ class PushEnvironment(ArmEnvironment):
     def behind(self) -> Array:
         """Return the place from which the finger pushes the box straight to its goal, (N, 3) m; half-way up the box."""
         point: Array = self.arms.object_pose[:, :3].copy()
-        turn = (self.desired_goal[:, 2] - self.achieved_goal()[:, 2]) / TURN
+        turn = (self.desired_goal[:, 2] - self.achieved_goal()[:, 2]) / TURN if self._task.turns else 0.0
         point[:, :2] = place_behind(point[:, :2], self.desired_goal[:, :2], self._half_edges[:, :2], turn)
         return point
 
