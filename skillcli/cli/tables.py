@@ -130,9 +130,11 @@ def plan(artifact: Artifact) -> Group:
         )
     if (ahead := found.predicted) is not None:
         low, high = ahead.ci95
+        safe = ahead.successes if ahead.successes_within_limits is None else ahead.successes_within_limits
         limits.append(
             f"sent blindly to {ahead.domain} robots, {ahead.successes} of {ahead.robots} succeed ({low:.0%}–{high:.0%})"
-            + ("" if ahead.success_rate >= RELIABLE else f"; {_way_out(found.method)}")
+            + (f", {safe} of them without violating a safety limit" if safe < ahead.successes else "")
+            + ("" if safe >= RELIABLE * ahead.robots else f"; {_way_out(found.method)}")
         )
     effort = f"planned in {COMPOSE.measured_of(artifact).planning_seconds:.1f} s, {found.expanded_nodes} nodes"
     caption = "\n".join([f"{met}, {ends}; {effort}", *limits, f"plan {steps}"])

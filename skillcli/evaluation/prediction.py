@@ -34,6 +34,7 @@ def predict(library: Library, plan: Plan, routes: Sequence[Array], domain: Domai
         domain=domain.name,
         robots=ROBOTS,
         successes=successes,
+        successes_within_limits=int((recording.success & recording.within_limits).sum()),
         success_rate=successes / ROBOTS,
         ci95=metrics.wilson_interval(successes, ROBOTS),
     )

@@ -106,6 +106,7 @@ class Prediction(Record):
     domain: str
     robots: int
     successes: int
+    successes_within_limits: int | None = optional(None)
     success_rate: float
     ci95: Interval
 

@@ -12,7 +12,7 @@ from plane import ORIGIN, Plane
 
 from skillcli.composition import latent_map
 from skillcli.composition.latent_environment import Outcome
-from skillcli.composition.latent_map import POOR, MapSettings, plan
+from skillcli.composition.latent_map import AROUND, CLOSE, POOR, MapSettings, plan
 from skillcli.composition.problem import PlanningProblem, PlanResult
 from skillcli.composition.search import SearchSettings, choices_of
 from skillcli.trajectories import Array
@@ -84,12 +84,41 @@ def test_the_best_of_as_many_trials_as_there_may_be_is_taken() -> None:
 def test_no_latent_beyond_the_hull_is_tried() -> None:
     found = plan(problem((1.0, 0.0), slope=0.8))
     np.testing.assert_allclose(found.segments[0].latent, [0.08, 0], atol=1e-9)
-    assert found.expanded_nodes == 2, "what would have to be tried next is outside"
+    assert found.expanded_nodes == 2 + AROUND, "what would have to be tried next is outside, so others inside are"
 
 
 def test_a_trial_that_fails_is_only_taken_where_there_is_no_other() -> None:
     world = World(lambda path: path[..., 0] < 0.35)  # the first trial ends at 0.32, all better ones fail
-    np.testing.assert_allclose(plan(problem((0.4, 0.0), slope=0.8, world=world)).segments[0].latent, [0.032, 0], atol=1e-9)
+    (segment,) = plan(problem((0.4, 0.0), slope=0.8, world=world)).segments
+    end = HORIZON * segment.latent
+    assert end[0] < 0.35 and np.linalg.norm(end - [0.4, 0.0]) < 0.08, "one around a failing one may be nearer than the first"
+
+
+def test_where_the_latent_of_the_goal_fails_the_nearest_place_around_it_that_does_not_is_aimed_at() -> None:
+    world = World(lambda path: np.linalg.norm(path[..., :2] - [0.4, 0.0], axis=-1) > 0.01)  # within 1 cm of the goal all fail
+    asked = problem((0.4, 0.0), world=world)
+    (segment,) = plan(asked).segments
+    off = np.linalg.norm(HORIZON * segment.latent - [0.4, 0.0])
+    assert 0.01 < off <= 0.01 + CLOSE * asked.tolerance / AROUND + 1e-9, "radii grow evenly, so the next one is taken"
+    assert AROUND < world.held <= MapSettings().trials + AROUND
+
+
+def test_a_robot_that_fails_counts_as_a_tolerance_off() -> None:
+    class Two(World):
+        """Two robots, of which the second fails unless the place is 2 cm off."""
+
+        def hold(self, sim_states: Array, latent: Array, steps: int) -> Outcome:
+            outcome = super().hold(sim_states, latent, steps)
+            risky = np.linalg.norm(outcome.path[:, 0, -1, 0, :2] - [0.4, 0.0], axis=1) < 0.02
+            return replace(
+                outcome,
+                path=np.repeat(outcome.path, 2, axis=1),
+                failed=np.stack([np.zeros(len(latent), dtype=bool), risky], axis=1),
+            )
+
+    # at the goal the distances count as 0 and 5 cm: 2.5 + 0.5 * 2.5 = 3.75 cm. 2.1 cm off on both is less
+    (segment,) = plan(problem((0.4, 0.0), world=Two())).segments
+    assert 0.02 <= np.linalg.norm(HORIZON * segment.latent - [0.4, 0.0]) < 0.0225
 
 
 def test_each_waypoint_has_a_latent_of_its_own_from_where_the_last_one_ends() -> None:
