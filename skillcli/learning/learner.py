@@ -16,8 +16,9 @@ from skillcli.learning import te_ppo
 from skillcli.learning.agent import Agent
 from skillcli.learning.mixtures import MIXED, Mixer
 from skillcli.learning.rollout import Rollout, StartPool, VectorEnvironment, collect, privileged_size
-from skillcli.learning.saved import OF_MIXTURES, check_saved
+from skillcli.learning.saved import OF_MIXTURES, WORST, check_saved
 from skillcli.learning.settings import LearningRecipe
+from skillcli.learning.worst import WorstEpisodes
 from skillcli.seeding import generator
 from skillcli.trajectories import Array
 
@@ -45,6 +46,7 @@ class Learner:
         self.mixer = Mixer.of(recipe.mixtures, env.goals, recipe.task.mixing)
         self.optimizers = te_ppo.Optimizers.of(self.agent, recipe.training.learning_rate)
         self.pool = StartPool(POOL_CAPACITY)
+        self.worst = WorstEpisodes(env.num_envs) if recipe.training.repeat_worst else None
         self.rng = generator(seed, "training")
         self.iteration = self.env_steps = 0
         self.sampling_seconds = 0.0
@@ -67,8 +69,10 @@ class Learner:
         self.agent.policy.bound(te_ppo.annealed_std(training.final_action_std, training.settle_from, progress))
         self._randomise()
         mixer = replace(self.mixer, share=self.recipe.mixtures.share_at(progress))
-        chained = training.chained_starts
-        rollout = collect(self.env, self.agent, self.pool, chained, self.rng, mixer, self.sees_goal, self._odds())
+        rollout = collect(
+            self.env, self.agent, self.pool, training.chained_starts, self.rng, mixer, self.sees_goal, self._odds(), self.worst,
+            training.repeat_worst,
+        )  # fmt: skip
         seen = (torch.from_numpy(rollout.observation).flatten(0, 1), torch.from_numpy(rollout.privileged).flatten(0, 1))
         # The first update needs statistics to normalise with, which move the policy's means a little from those of the rollout.
         if self.iteration == 0:
@@ -110,21 +114,22 @@ class Learner:
 
     def _outcome(self, rollout: Rollout) -> dict[str, float]:
         near, mixed = rollout.final_distance <= self.recipe.task.tolerance, rollout.skill == MIXED
+        new = ~rollout.repeated  # those that repeat bad ones say little of how well it goes
         outcome = {
             "return": float((rollout.reward * rollout.valid).sum(0).mean()),
-            "success_rate": _mean(near[~mixed]),
-            "final_distance": _mean(rollout.final_distance[~mixed & np.isfinite(rollout.final_distance)]),
+            "success_rate": _mean(near[new & ~mixed]),
+            "final_distance": _mean(rollout.final_distance[new & ~mixed & np.isfinite(rollout.final_distance)]),
         }
         if self.recipe.mixtures.share:
-            known = mixed & np.isfinite(rollout.final_distance)
-            of_mixtures = near[mixed], rollout.final_distance[known]
+            known = new & mixed & np.isfinite(rollout.final_distance)
+            of_mixtures = near[new & mixed], rollout.final_distance[known]
             outcome |= {
                 name: float(values.mean()) if len(values) else math.nan
                 for name, values in zip(OF_MIXTURES, of_mixtures, strict=True)
             }
         outcome |= {f"reward/{name}": value for name, value in rollout.reward_terms.items()}
         for skill in range(self.agent.skills):
-            outcome[f"success/{skill + 1}"] = _mean(near[rollout.skill == skill])
+            outcome[f"success/{skill + 1}"] = _mean(near[new & (rollout.skill == skill)])
         return outcome
 
     def _check(self, point: dict[str, float]) -> None:
@@ -144,6 +149,8 @@ class Learner:
                 arrays |= {f"optimizer/{group}/{index}/{slot}": tensor.numpy() for slot, tensor in slots.items()}
         if self.pool.sim_states is not None:
             arrays["pool"] = self.pool.sim_states
+        if self.worst is not None:
+            arrays |= {f"worst/{column}": array for column, array in zip(WORST, self.worst.columns, strict=True)}
         arrays |= {f"curves/{name}": np.array(values) for name, values in self.curves.items()}
         return arrays, {
             "iteration": self.iteration,
@@ -152,6 +159,7 @@ class Learner:
             "policy_rate": self.optimizers.policy_rate,
             "generator": self.rng.bit_generator.state,
             "pool": [self.pool.filled, self.pool.next],
+            **({} if self.worst is None else {"worst": [self.worst.filled, self.worst.next]}),
         }
 
     def load(self, arrays: Mapping[str, Array], state: Mapping[str, Any]) -> None:
@@ -168,6 +176,9 @@ class Learner:
         self.curves = {name: values.tolist() for name, values in _below(arrays, "curves/").items()}
         self.pool.sim_states = arrays.get("pool")
         self.pool.filled, self.pool.next = state["pool"]
+        if self.worst is not None:
+            self.worst.columns = tuple(arrays[f"worst/{column}"] for column in WORST)
+            self.worst.filled, self.worst.next = state["worst"]
         self.rng.bit_generator.state = state["generator"]
         self.iteration, self.env_steps = state["iteration"], state["env_steps"]
         self.sampling_seconds = state["sampling_seconds"]

@@ -14,6 +14,7 @@ from skillcli.learning import gaussian
 from skillcli.learning.agent import Actor, Agent
 from skillcli.learning.mixtures import MIXED, UNMIXED, Mixer
 from skillcli.learning.ring_buffer import RingBuffer
+from skillcli.learning.worst import WorstEpisodes
 from skillcli.trajectories import Array
 
 
@@ -78,6 +79,7 @@ class Rollout:
     noise: Array  # (N, d) the epsilon of z = mean + std * epsilon
     latent: Array  # (N, d)
     final_distance: Array  # (N,) m, of achieved and desired goal at the end
+    repeated: Array  # (N,) bool, episodes that repeat one of the worst
     seconds: float  # wall time, including resets and drawing of noise
 
 
@@ -147,6 +149,18 @@ def start_episodes(
     return skills
 
 
+def _repeat(
+    env: VectorEnvironment, worst: WorstEpisodes, ids: Array, rng: np.random.Generator, asked: Array, skill: Array,
+    weights: Array,
+) -> None:  # fmt: skip
+    """Let these simulations begin again where a bad episode did; changes skills (N,), before and after mixing, and weights."""
+    if not len(ids):
+        return
+    sim_states, asked[ids], weights[ids] = worst.draw(len(ids), rng)
+    skill[ids] = np.where(weights[ids].max(axis=1) < 1, MIXED, asked[ids])
+    env.reset_to_state(ids, sim_states, asked[ids])
+
+
 @torch.no_grad()
 def collect(
     env: VectorEnvironment,
@@ -157,6 +171,8 @@ def collect(
     mixer: Mixer = UNMIXED,
     sees_goal: bool = False,
     odds: Array | None = None,
+    worst: WorstEpisodes | None = None,
+    repeat: float = 0.0,
 ) -> Rollout:
     """Run one episode in every simulation, and keep some of the passed states for later starts.
 
@@ -169,10 +185,18 @@ def collect(
         mixer: makes mixtures of some skills.
         sees_goal: whether the value function observes the way to the goal.
         odds: of the skills, (K,), None if they are even.
+        worst: episodes that can be repeated, of earlier rollouts and then of this one; None to keep none.
+        repeat: share of the episodes that repeat one of them.
     """
     started = time.perf_counter()
     steps, num_envs = env.horizon, env.num_envs
-    skill, weights = mixer.mix(start_episodes(env, pool, chained, rng, odds), agent.skills, rng)
+    asked = start_episodes(env, pool, chained, rng, odds)
+    skill, weights = mixer.mix(asked, agent.skills, rng)
+    repeated = np.zeros(num_envs, dtype=bool)
+    if worst is not None and worst.filled:
+        repeated = rng.random(num_envs) < repeat
+        _repeat(env, worst, np.flatnonzero(repeated), rng, asked, skill, weights)
+    begun = env.save(np.arange(num_envs)) if worst is not None else np.zeros(0)
     if (mixed := np.flatnonzero(skill == MIXED)).size:
         env.mix_goals(mixed, weights[mixed])
     mean, std = agent.embed()
@@ -202,6 +226,9 @@ def collect(
             terms[name] += float(values @ alive)
         if t in kept_moments:
             pool.add(env.save(everyone[alive]))  # no episode starts from a failed one
+    final_distance = np.where(alive, np.linalg.norm(env.achieved_goal() - env.desired_goal, axis=1), np.inf)
+    if worst is not None:
+        worst.keep(begun, asked, weights, final_distance)
     seconds = time.perf_counter() - started
     return Rollout(
         observation=observation,
@@ -216,6 +243,7 @@ def collect(
         weights=weights.astype(np.float32),
         noise=noise.astype(np.float32),
         latent=latent,
-        final_distance=np.where(alive, np.linalg.norm(env.achieved_goal() - env.desired_goal, axis=1), np.inf),
+        final_distance=final_distance,
+        repeated=repeated,
         seconds=seconds,
     )

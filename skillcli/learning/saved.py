@@ -25,6 +25,8 @@ UPDATED = (
 )  # fmt: skip
 OF_MIXTURES = ("mixed/success_rate", "mixed/final_distance")
 """Curves with gaps, NaN, in iterations without mixtures."""
+WORST = ("sim_states", "skill", "weights")
+"""Columns of the worst episodes, where some are repeated."""
 _KEYS = {"iteration", "env_steps", "sampling_seconds", "policy_rate", "generator", "pool"}
 _SLOTS = ("exp_avg", "exp_avg_sq", "step")  # of Adam
 _LONGEST = 1e10  # s, of a training
@@ -47,6 +49,8 @@ def check_saved(learner: Learner, arrays: Mapping[str, Array], state: Mapping[st
         raise ValueError(problem)
     for problem in (*_arrays(learner, arrays, state["iteration"]), *_pool(learner, arrays, state["pool"])):
         raise ValueError(problem)
+    for problem in _worst(learner, arrays, state):
+        raise ValueError(problem)
     for problem in _agreement(learner, arrays, state):
         raise ValueError(problem)
 
@@ -63,8 +67,9 @@ def shown(found: Any) -> str:
 
 
 def _counters(learner: Learner, state: Mapping[str, Any]) -> Iterator[str]:
-    if state.keys() != _KEYS:
-        yield f"its state lacks or should not have {shown(sorted(state.keys() ^ _KEYS))}"
+    keys = _KEYS if learner.worst is None else _KEYS | {"worst"}
+    if state.keys() != keys:
+        yield f"its state lacks or should not have {shown(sorted(state.keys() ^ keys))}"
         return
     last, steps = learner.recipe.training.iterations, learner.env.num_envs * learner.env.horizon
     iteration, rate = state["iteration"], state["policy_rate"]
@@ -76,9 +81,9 @@ def _counters(learner: Learner, state: Mapping[str, Any]) -> Iterator[str]:
         yield f"sampling_seconds must be a duration, got {shown(state['sampling_seconds'])}"
     if type(rate) is not float or not RATES[0] <= rate <= RATES[1]:
         yield f"policy_rate must be between {RATES[0]} and {RATES[1]}, got {shown(rate)}"
-    pool = state["pool"]
-    if not isinstance(pool, list) or [type(each) for each in pool] != [int, int]:
-        yield "pool must be two whole numbers"
+    for name in keys & {"pool", "worst"}:
+        if not isinstance(state[name], list) or [type(each) for each in state[name]] != [int, int]:
+            yield f"{name} must be two whole numbers"
 
 
 def _generator(learner: Learner, state: Mapping[str, Any]) -> Iterator[str]:
@@ -102,6 +107,9 @@ def _arrays(learner: Learner, arrays: Mapping[str, Array], iterations: int) -> I
         f"curves/{name}": ((iterations,), np.dtype(float))
         for name in curve_names(learner.agent.skills, learner.env.reward_names, learner.recipe.mixtures.share > 0)
     }
+    if learner.worst is not None:
+        shapes = _worst_shapes(learner)
+        wanted |= {f"worst/{name}": (shape, np.dtype(float)) for name, shape in shapes.items()}
     if different := sorted(wanted.keys() ^ (arrays.keys() - {"pool"})):
         yield f"{different[0]} is {'missing' if different[0] in wanted else 'not part of it'}"
         return
@@ -127,10 +135,9 @@ def _slots(learner: Learner) -> dict[str, tuple[int, ...]]:
 
 
 def _pool(learner: Learner, arrays: Mapping[str, Array], pool: list[int]) -> Iterator[str]:
-    """Check the ring: filled from the front, later overwritten anywhere."""
-    sim_states, (filled, following), capacity = arrays.get("pool"), pool, learner.pool.capacity
-    if not (0 <= filled <= capacity and 0 <= following < capacity and (filled == capacity or following == filled)):
-        yield f"pool cannot have {filled} states, the next one in place {following}, of {capacity}"
+    """Check the states that were passed."""
+    sim_states, (filled, _), capacity = arrays.get("pool"), pool, learner.pool.capacity
+    yield from _ring("pool", pool, capacity)
     width = learner.env.save(np.array([0])).shape[1]
     if sim_states is None:
         if filled:
@@ -139,6 +146,33 @@ def _pool(learner: Learner, arrays: Mapping[str, Array], pool: list[int]) -> Ite
         yield f"pool holds {sim_states.dtype} of shape {sim_states.shape}, expected float64 of shape {(capacity, width)}"
     elif not np.isfinite(sim_states).all():
         yield "pool holds values that are not finite"
+
+
+def _ring(name: str, counters: list[int], capacity: int) -> Iterator[str]:
+    """Check that a ring is filled from the front, and later overwritten anywhere."""
+    filled, following = counters
+    if not (0 <= filled <= capacity and 0 <= following < capacity and (filled == capacity or following == filled)):
+        yield f"{name} cannot have {filled} states, the next one in place {following}, of {capacity}"
+
+
+def _worst_shapes(learner: Learner) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of the columns of the worst episodes."""
+    assert learner.worst is not None
+    capacity, width = learner.worst.capacity, learner.env.save(np.array([0])).shape[1]
+    return dict(zip(WORST, ((capacity, width), (capacity,), (capacity, learner.agent.skills)), strict=True))
+
+
+def _worst(learner: Learner, arrays: Mapping[str, Array], state: Mapping[str, Any]) -> Iterator[str]:
+    """Check that the worst episodes are of skills, with weights that add to 1."""
+    if learner.worst is None:
+        return
+    yield from _ring("worst", state["worst"], learner.worst.capacity)
+    filled, skills = state["worst"][0], learner.agent.skills
+    skill, weights = arrays["worst/skill"][:filled], arrays["worst/weights"][:filled]
+    if not np.isin(skill, np.arange(skills)).all():
+        yield f"worst/skill names a skill that is none of {skills}"
+    if (weights < 0).any() or not np.allclose(weights.sum(axis=1), 1):
+        yield "worst/weights are no shares of skills"
 
 
 def _agreement(learner: Learner, arrays: Mapping[str, Array], state: Mapping[str, Any]) -> Iterator[str]:

@@ -8,6 +8,7 @@ from pydantic import model_validator
 
 from skillcli.config.base import Section, optional_value, value
 from skillcli.config.randomization import Randomisation, Span, check_span, phased_in
+from skillcli.learning.worst import MOST
 
 MAX_LAYERS = 16
 
@@ -74,6 +75,13 @@ class Training(Section):
         "",
         ge=0,
         lt=1,
+    )
+    repeat_worst: float = optional_value(
+        0.0,
+        "share of episodes that repeat one of those that ended farthest from their goals of late: same start, same goal",
+        "",
+        ge=0,
+        le=MOST,
     )
     discount: float = value(0.99, "gamma", "1/step", ge=0, le=1)
     gae_lambda: float = value(0.95, "lambda of generalised advantage estimation", "", ge=0, le=1)

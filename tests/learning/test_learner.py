@@ -46,6 +46,8 @@ PUSHED = load_recipe(
     ["training.iterations=6", "training.minibatch=20", "training.epochs=3", "training.chained_starts=0.5", "task.horizon=10"],
 )
 
+REPEATING = resolve(RECIPE.model_dump(mode="json"), ["training.repeat_worst=0.2", "mixtures.share=0.4"])
+
 
 def learner(seed: int = 0, num_envs: int = 8, recipe: Recipe = RECIPE) -> Learner:
     return Learner(make_env(recipe.task, num_envs, delay="latency" in recipe.randomisation.ranges), recipe, seed)
@@ -68,7 +70,7 @@ def test_the_same_seed_trains_the_same_weights_bit_for_bit() -> None:
     assert same(first, again) and not same(first, other)
 
 
-@pytest.mark.parametrize("recipe", [RECIPE, RANDOMISED, PUSHED], ids=["plain", "randomised", "pushed"])
+@pytest.mark.parametrize("recipe", [RECIPE, RANDOMISED, PUSHED, REPEATING], ids=["plain", "randomised", "pushed", "repeating"])
 def test_training_goes_on_from_a_saved_state_bit_for_bit(recipe: Recipe) -> None:
     whole = run(learner(recipe=recipe), 6)
     half = run(learner(recipe=recipe), 3)
