@@ -17,6 +17,7 @@ import numpy as np
 from skillcli import metrics
 from skillcli.composition.plan import Segment
 from skillcli.evaluation.reflex import Reflex
+from skillcli.evaluation.way_back import WayBack
 from skillcli.simulation.environment import StateEstimate
 from skillcli.trajectories import Array
 
@@ -24,6 +25,7 @@ MARGIN = 0.8  # of the tolerance of success: sensors are off by millimetres
 PATIENCE = 0.5  # of an episode's time spent on reaching the planner's goal tolerance; afterwards the task's tolerance is enough
 FIRST_LOOK = 4  # control steps before the first replanning, because nothing is known of the target yet
 PROGRESS = 0.01  # m, by which an episode must have come nearer to be given more time
+STUCK = 0.5  # of the time for a waypoint, without coming nearer by that: then the arm begins anew from its start
 LONGEST = 3  # times its own time, an episode that still comes nearer
 EXPECTED_ERROR = 0.01  # m, expected error of a plan before the first measurement
 SPEED_WINDOW = 2  # control steps over which the speed of the achieved goal is measured: over one, noise would dominate
@@ -75,6 +77,7 @@ class Adviser(Protocol):
     """Whoever plans for an episode."""
 
     reflex: Reflex | None  # releases a box that begins to tip
+    way_back: WayBack | None  # leads to the start, from where the episode gets no nearer
 
     @property
     def latent_size(self) -> int:
@@ -133,12 +136,13 @@ class ReplannedEpisode:
         self._begun: Array = np.zeros((1, 0))  # estimated state at the start of the segment
         self._applied: list[Array] = []
         self._measured: list[Array] = []  # joint angles after each step since
-        self._letting_go: Array | None = None  # (1, J) action of the reflex, which replaces the policy's
+        self._letting_go: Array | None = None  # (1, J) action of the reflex or of the way back, which replaces the policy's
+        self._returning, self._returned_at = False, 0  # and after how many control steps the arm was back
         if adviser.reflex is not None:
             adviser.reflex.reset(target.estimate_state())
 
     def act(self, observation: Array, latent: Array) -> Array:
-        """Return the action of the policy, of the reflex if the box begins to tip, or none while the target holds."""
+        """Return the action of the policy, of reflex or way back where they act instead, or none while the target holds."""
         if self._letting_go is not None:
             return self._letting_go
         if self._holding:
@@ -158,7 +162,9 @@ class ReplannedEpisode:
             self._measured.append(seen.state[0, : self._target.joints])
         self._holding = False
         self._letting_go = self._let_go(seen)
-        if self._letting_go is not None:  # the reflex holds no latent, and a new plan begins after it
+        if self._letting_go is None:
+            self._letting_go = self._go_back(seen)
+        if self._letting_go is not None:  # no latent is held, and a new plan begins afterwards
             self._prospect, self._asked, self._left, self._resting = None, False, 0, self._settle
             self._applied, self._measured = [], []
             return self._nothing()
@@ -185,6 +191,21 @@ class ReplannedEpisode:
     def _let_go(self, seen: StateEstimate) -> Array | None:
         reflex = self._adviser.reflex
         return None if reflex is None else reflex.action(seen, self._adviser.sag)
+
+    def _go_back(self, seen: StateEstimate) -> Array | None:
+        way_back = self._adviser.way_back
+        if way_back is None:
+            return None
+        if not self._returning:
+            since = self._passed - max(self._nearest_at, self._returned_at)
+            if since < STUCK * self._steps / len(self._waypoints) or self._near():
+                return None
+            self._returning = True
+            way_back.begin(self._share)
+        action = way_back.action(seen, self._adviser.sag)
+        if action is None:
+            self._returning, self._returned_at = False, self._passed
+        return action
 
     def _planned(self, seen: StateEstimate) -> bool:
         """Plan again; return whether there is a new segment."""

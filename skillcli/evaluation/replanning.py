@@ -28,6 +28,7 @@ from skillcli.evaluation.reflex import Reflex
 from skillcli.evaluation.replanned_episode import LONGEST, MARGIN, Prospect, ReplannedEpisode, Sighting
 from skillcli.evaluation.rollouts import met, rollout_closed_loop
 from skillcli.evaluation.sampled_robots import SampledRobots
+from skillcli.evaluation.way_back import WayBack
 from skillcli.kinds import COMPOSE
 from skillcli.recipe import Recipe
 from skillcli.seeding import generator
@@ -93,7 +94,7 @@ class Replanner:
             self._others = several.make_env(library.world, offered)
             self._elsewhere = LatentEnvironment(self._others, self.act, len(FRICTION), PLANNED_LIMITS)
         self._rng = np.random.default_rng(0)
-        self.reflex = reflex_of(self._simulations)
+        self.reflex, self.way_back = reflex_of(self._simulations), way_back_of(self._simulations)
         self._without_limits = LatentEnvironment(self._simulations, self.act)
         self._longest = problem.steps(longest)
 
@@ -231,6 +232,11 @@ class Replanner:
 def reflex_of(env: Environment) -> Reflex | None:
     """Return the reflex of an arm with an object that can tip, None for others; it uses the first simulation of `env`."""
     return Reflex(env) if isinstance(env, ArmEnvironment) and env.violations().shape[1] > ARM_LIMITS else None
+
+
+def way_back_of(env: Environment) -> WayBack | None:
+    """Return the way back of an arm that pushes an object, None for others; `env` is at its start."""
+    return WayBack(env) if reflex_of(env) is not None and isinstance(env, ArmEnvironment) and not env.grasps else None
 
 
 def method_of(source: Artifact) -> str:

@@ -17,7 +17,7 @@ from skillcli.errors import SkillError, UsageError
 from skillcli.evaluation.consistency import stored_recipe
 from skillcli.evaluation.library import Library, open_library
 from skillcli.evaluation.replanned_episode import Prospect, Sighting
-from skillcli.evaluation.replanning import Effort, Replanner, method_of, reflex_of
+from skillcli.evaluation.replanning import Effort, Replanner, method_of, reflex_of, way_back_of
 from skillcli.stopping import answered
 from skillcli.store import ArtifactId, Store
 from skillcli.trajectories import Array
@@ -77,7 +77,8 @@ class PlannerProcess:
 
     def __init__(self, store: Path, source: ArtifactId, library: Library) -> None:
         self.act, self.effort = library.agent.act, Effort()
-        self.reflex = reflex_of(library.world.make_env(1, threads=1))
+        env = library.world.make_env(1, threads=1)
+        self.reflex, self.way_back = reflex_of(env), way_back_of(env)
         self.sag: Array = np.zeros(library.world.joints)
         self._number, self._asked_at = 0, 0.0
         self._ready: _Ready | None = None

@@ -22,7 +22,7 @@ LASTS = 6  # control steps of a segment
 class Slow:
     """An adviser that answers when it was polled `takes` times; its segments turn the first joint."""
 
-    reflex, latent_size, goal_tolerance, final_speed, sag = None, 3, 0.01, 0.0, np.zeros(7)
+    reflex, way_back, latent_size, goal_tolerance, final_speed, sag = None, None, 3, 0.01, 0.0, np.zeros(7)
 
     def __init__(self, takes: int) -> None:
         self.takes, self.polled, self.told = takes, 0, list[Sighting]()
