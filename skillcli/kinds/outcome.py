@@ -54,6 +54,9 @@ def check_rate(found: Mapping[str, Any], trials: int) -> Iterator[str]:
     """Report successes, rate and interval that contradict each other."""
     if not 0 <= found["successes"] <= trials:
         yield f"{found['successes']} of {trials} episodes succeed"
+    within = found.get("successes_within_limits")
+    if within is not None and not 0 <= within <= found["successes"]:
+        yield f"{within} of {found['successes']} successes are within the safety limits"
     low, high = found["ci95"]
     if not 0 <= low <= found["success_rate"] + _ROUNDING <= high + 2 * _ROUNDING <= 1 + 3 * _ROUNDING:
         yield f"the success rate {found['success_rate']:g} and its interval {low:g} to {high:g} contradict each other"

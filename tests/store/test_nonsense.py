@@ -186,6 +186,11 @@ ANSWERS = [
     ("compose", put("final_yaws_deg", [0.0]), "results.final_yaws_deg has 1 entries, expected 2"),
     ("compose", put("final_yaws_deg", "ninety"), "results.final_yaws_deg must be a list"),
     ("compose", put("predicted", foreseen(successes=41)), "41 of 40 episodes succeed"),
+    (
+        "compose",
+        put("predicted", {**foreseen(successes=30), "successes_within_limits": 31}),
+        "31 of 30 successes are within the safety limits",
+    ),
     ("compose", put("predicted", foreseen(ci95=[0.8, 0.9])), "the success rate 0.75 and its interval 0.8 to 0.9 contradict"),
     ("compose", put("predicted", foreseen(domain="[red]x")), "names one '[red]x', which is not the name of a domain"),
     ("compose", put("predicted", foreseen(robots="all")), "results.predicted.robots must be a whole number"),
