@@ -38,12 +38,14 @@ def test_robots_are_other_ones_than_a_transfer_draws() -> None:
 def test_on_the_nominal_robot_every_copy_does_what_the_plan_does(store: Path) -> None:
     far = composed(store, "0.6,0.1,0.2", "--set", "compose.robots=nominal")
     assert far["predicted"] == {
-        "domain": "nominal", "robots": ROBOTS, "successes": 0, "success_rate": 0.0, "ci95": far["predicted"]["ci95"],
+        "domain": "nominal", "robots": ROBOTS, "successes": 0, "successes_within_limits": 0, "success_rate": 0.0,
+        "ci95": far["predicted"]["ci95"],
     }  # fmt: skip
     assert not far["success"] and far["predicted"]["ci95"][0] == 0 < far["predicted"]["ci95"][1] < 0.1
     start = Store(store).read(ArtifactId.parse(far["id"])).arrays["trajectories/gripper_position"][0, 0]
     near = composed(store, ",".join(f"{x:.3f}" for x in start), "--set", "compose.robots=nominal")
-    assert near["success"] and near["predicted"]["successes"] == ROBOTS
+    assert near["success"]
+    assert near["predicted"]["successes"] == near["predicted"]["successes_within_limits"] == ROBOTS
 
 
 def test_another_domain_is_another_composition_and_an_unknown_one_is_refused(store: Path) -> None:
