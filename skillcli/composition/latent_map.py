@@ -40,7 +40,7 @@ class MapSettings(MethodSettings):
 
     trials: int = value(
         8,
-        "latents held at most until one ends close enough, and 24 more if all fail; 1 takes the map as it is",
+        f"latents held at most until one ends close enough, and {AROUND} more if none is good; 1 takes the map as it is",
         "",
         ge=1,
         le=100,
@@ -59,11 +59,6 @@ class Trial:
     missed: bool  # ended beyond the tolerance on the first robot, which is the nominal one of an ensemble
     error: float  # m from the goal, adjusted for risk over the robots, of which those that failed are a tolerance off at least
     sim_state: Array  # (S,) at the end
-
-    @property
-    def demerit(self) -> tuple[bool, bool, float]:
-        """How bad it is: a plan must succeed in the simulation, and then on as many robots and as exactly as possible."""
-        return bool(self.failed[0]), self.missed, self.error
 
 
 class Inversion:
@@ -110,7 +105,7 @@ class Inversion:
         """Aim at places around another aim, on the ways from there into the hull."""
         radii = CLOSE * self._problem.tolerance * np.arange(1, AROUND + 1) / AROUND
         ways = self._problem.goal_map.hull.draw(AROUND, generator(self._problem.seed, "map")) - aim
-        length = np.linalg.norm(ways, axis=1)
+        length = np.maximum(np.linalg.norm(ways, axis=1), 1e-12)  # a hull of one goal has no extent
         return self._hold_all(aim + ways * np.minimum(1.0, radii / length)[:, None])
 
     def _step(self, trial: Trial) -> Array:
@@ -148,7 +143,8 @@ class Inversion:
 
 
 def _demerit(trial: Trial) -> tuple[bool, bool, float]:
-    return trial.demerit
+    """How bad it is: a plan must succeed in the simulation, and then on as many robots and as exactly as possible."""
+    return bool(trial.failed[0]), trial.missed, trial.error
 
 
 def plan(problem: PlanningProblem) -> PlanResult:
@@ -187,7 +183,7 @@ METHOD = MethodSpec(
     options=(
         Option(
             "trials",
-            "Latents held at most until one ends close enough, and 24 more if all fail; 1 takes the map as it is.",
+            f"Latents held at most until one ends close enough, and {AROUND} more if none is good; 1 takes the map as it is.",
             "N",
             int,
         ),

@@ -60,10 +60,15 @@ class Reflex:
             self._count = 0
             return None
         self._count += 1
-        arms = self._env.arms
         way = np.array([*(-ASIDE * tilt / max(STANDING, float(np.linalg.norm(tilt)))), 1.0])
-        turn = arms.turns_towards(np.tile(LEAD * way / np.linalg.norm(way), (self._env.num_envs, 1)))[0]
-        # start from the measured position: the commanded one lies deeper in the box
-        target = arms.joint_position[0] - sag + turn
-        action: Array = np.clip((target - arms.commanded[0]) / arms.action_limit, -1.0, 1.0)
-        return action[None]
+        return leading(self._env, way / np.linalg.norm(way), sag)
+
+
+def leading(env: ArmEnvironment, way: Array, sag: Array) -> Array:
+    """Return the action that leads the first simulation's gripper in a direction (3,), in units of the action limit (1, J)."""
+    arms = env.arms
+    turn = arms.turns_towards(np.tile(LEAD * way, (env.num_envs, 1)))[0]
+    # start from the measured position: the commanded one may lie deeper in the box
+    target = arms.joint_position[0] - sag + turn
+    action: Array = np.clip((target - arms.commanded[0]) / arms.action_limit, -1.0, 1.0)
+    return action[None]

@@ -10,11 +10,12 @@ import math
 
 import numpy as np
 
+from skillcli.evaluation.reflex import leading
 from skillcli.simulation.arm_environment import ArmEnvironment
 from skillcli.simulation.environment import StateEstimate
 from skillcli.trajectories import Array
 
-LEAD = 0.06  # m, lead of the commanded gripper position over the measured one
+UP = np.array([0.0, 0.0, 1.0])
 HIGH = 0.02  # m below its start, the gripper is high enough to go sideways
 BACK = 0.02  # rad of each joint's command from its start, within which it is back
 LONGEST = 60  # control steps at full speed; an arm that is not back by then is blocked
@@ -51,10 +52,7 @@ class WayBack:
             return None
         self._left -= 1
         if not self._high:
-            turn = arms.turns_towards(np.tile(np.array([0.0, 0.0, LEAD]), (self._env.num_envs, 1)))[0]
-            way = arms.joint_position[0] - sag + turn - arms.commanded[0]
-        else:
-            # every joint takes the same time, so that the hand goes the straight way in joint space
-            way = way * min(1.0, arms.action_limit / float(np.abs(way).max()))
-        action: Array = np.clip(way / arms.action_limit, -1.0, 1.0)
+            return leading(self._env, UP, sag)
+        # every joint takes the same time, so that the hand goes the straight way in joint space
+        action: Array = way / max(arms.action_limit, float(np.abs(way).max()))
         return action[None]
